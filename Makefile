@@ -4,7 +4,7 @@ PYTHON ?=
 starter := $(shell for python in '$(PYTHON)' python3 python3.13 python3.11; do command -v "$$python" && break; done)
 python := .venv/bin/python
 
-.PHONY: help setup demo test test-plain-processor fuzz test-all test-window test-package package lint types build address site bench accuracy interfaces segmentation topology experiments figures readme-pictures sidebar-pictures translations clean
+.PHONY: help setup demo test test-plain-processor fuzz test-all test-window test-package package lint types types-linux types-win32 types-darwin build address site bench accuracy interfaces segmentation topology experiments figures readme-pictures sidebar-pictures translations clean
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):[a-z ]*## */  make \1\t/p' Makefile | expand -t 18
@@ -18,8 +18,8 @@ demo: setup  ## reconstruct a phantom's tumors, with files, picture and report i
 test: setup  ## run the tests in one Blender version, a process per core; ARGS="-n 0" for one process
 	@$(python) tools/run_tests.py $(ARGS)
 
-test-all:  ## run the tests in Blender 4.2, 4.5, 5.0 (Python 3.11) and 5.2 (Python 3.13); BLENDER=4.2 for one of them
-	@'$(or $(starter),python3)' tools/test_all.py $(BLENDER)
+test-all:  ## run the tests in Blender 4.2, 4.5, 5.0 (Python 3.11) and 5.2 (Python 3.13); BLENDER=4.2 PART=core for some
+	@'$(or $(starter),python3)' tools/test_all.py $(BLENDER) $(PART)
 
 test-plain-processor: setup  ## run the tests of core and readers without NumPy's processor-specific code
 	@$(python) tools/plain_processor.py $(ARGS)
@@ -40,10 +40,10 @@ lint: setup  ## check rules and layout with ruff
 	@.venv/bin/ruff check
 	@.venv/bin/ruff format --check
 
-types: setup  ## check types with mypy, strictly, for Linux, Windows and macOS
-	@.venv/bin/mypy
-	@.venv/bin/mypy --platform win32 --cache-dir .mypy_cache/win32
-	@.venv/bin/mypy --platform darwin --cache-dir .mypy_cache/darwin
+types: types-linux types-win32 types-darwin  ## check types with mypy, strictly, for Linux, Windows and macOS
+
+types-linux types-win32 types-darwin: types-%: setup
+	@.venv/bin/mypy --platform $* --cache-dir .mypy_cache/$*
 
 build: setup  ## build the extension's zips in dist, one per platform, and print their sizes
 	@$(python) tools/build_extension.py

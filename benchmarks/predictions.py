@@ -71,7 +71,7 @@ def _print_rows(prefix: str, cases: tuple[Case, ...]) -> None:
     import bpy
 
     from ctmc_addon.ui.state import session
-    from ctmc_addon.ui.viewport import live
+    from ctmc_addon.ui.viewport.surface import live
 
     scene = bpy.context.scene
     for name, values in cases:

@@ -18,9 +18,7 @@ from numpy.typing import NDArray
 
 from ctmc_addon.core import ReconstructionSettings, Volume, reconstruct
 from ctmc_addon.core.mesh.intersections import self_intersections
-from ctmc_addon.core.mesh.topology import edge_counts_steps
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
-from ctmc_addon.core.progress import finish
 from ctmc_addon.core.solid import Cut, SolidRequest, solid_parts
 from ctmc_addon.readers import read_volume
 
@@ -83,8 +81,8 @@ def defects(meshes: Meshes) -> str:
     """Return open and non-manifold edges, crossings and volume of parts, a word each."""
     edges = crossings = 0
     for mesh in meshes:
-        _, counts = finish(edge_counts_steps(mesh.faces, len(mesh.vertices)))[:2]
-        edges += int(np.count_nonzero(counts != 2))
+        ends = np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        edges += int(np.count_nonzero(np.unique(ends, axis=0, return_counts=True)[1] != 2))
         crossings += len(self_intersections(mesh.vertices, mesh.faces))
     volume = sum(mesh.volume for mesh in meshes) / 1000
     return f"{edges} edges without two triangles, {crossings} crossings, {volume:.2f} ml"

@@ -29,11 +29,13 @@ from ctmc_addon.core.maps import QUANTITIES, Quantity
 from ctmc_addon.core.progress import Steps, finish
 from ctmc_addon.readers import ReadingOptions
 from ctmc_addon.ui.operators.ct import load
-from ctmc_addon.ui.operators.surface import maps, reconstruct, results
+from ctmc_addon.ui.operators.results import maps, results
+from ctmc_addon.ui.operators.surface import reconstruct
 from ctmc_addon.ui.operators.surface.placing import ObjectRequest
 from ctmc_addon.ui.properties.preferences import machine
-from ctmc_addon.ui.state import measurements, surfaces, volumes
-from ctmc_addon.ui.viewport import live, preview
+from ctmc_addon.ui.state.ct import volumes
+from ctmc_addon.ui.state.results import measurements, surfaces
+from ctmc_addon.ui.viewport.surface import live, preview
 
 from . import scenes
 

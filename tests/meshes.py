@@ -8,7 +8,7 @@ import numpy as np
 from ctmc_addon.core import TriangleMesh, distances, finish
 from ctmc_addon.core.mesh.cavities import crossings_steps, points_within, smallest_around
 from ctmc_addon.core.mesh.face_normals import face_vectors
-from ctmc_addon.core.mesh.topology import component_numbers_steps, edge_counts_steps
+from ctmc_addon.core.mesh.topology import component_numbers_steps
 from ctmc_addon.core.mesh.triangle_mesh import SurfacePiece
 
 
@@ -112,8 +112,9 @@ def layered_pieces(mesh, cuts):
 
 def edges(mesh):
     """Every undirected edge once, (E, 2) with the lower vertex first, and its number of triangles, (E,)."""
-    ends, count, _ = finish(edge_counts_steps(mesh.faces, len(mesh.vertices)))
-    return ends.T, count
+    ends = np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1).astype(np.int64)
+    keys, count = np.unique(ends[:, 0] * len(mesh.vertices) + ends[:, 1], return_counts=True)
+    return np.stack(np.divmod(keys, max(len(mesh.vertices), 1)), axis=1), count
 
 
 def boundary_edges(mesh):

@@ -135,6 +135,11 @@ def test_every_file_fits_a_few_screens():
     assert {name: lines for name, lines in lengths.items() if lines > 450} == {}
 
 
+def test_every_folder_holds_one_subject():
+    counts = {named(folder): len(list(folder.glob("*.py"))) for folder in {path.parent for path in SOURCES}}
+    assert {name: count for name, count in counts.items() if count > 15} == {}
+
+
 NUMBERED_SOCKET = re.compile(r"\.(inputs|outputs)\[-?\d")
 
 
@@ -199,14 +204,14 @@ ALLOWED = {
     "core/simplification/engine/component_removal.py": {"**"},
     "core/volume/statistics/histogram.py": {"math.log10", "np.log1p"},
     "core/volume/statistics/values.py": {"np.log1p"},
-    "readers/dicom/stack_geometry.py": {"math.atan2"},
+    "readers/dicom/series/stack_geometry.py": {"math.atan2"},
     # rounded far above the last bit
     "core/phantom/shapes.py": {"np.cos", "np.sin", "**"},
     "core/segmentation/competition/border.py": {"np.exp", "np.log"},
     "core/segmentation/competition/claims.py": {"**"},
     "core/smoothing/gaussian.py": {"math.exp"},
     "core/volume/labels/structure_colors.py": {"**"},
-    "readers/dicom/listing.py": {"math.asin"},
+    "readers/dicom/series/listing.py": {"math.asin"},
     "readers/labels/colors.py": {"**"},
     # bounds with a margin, behind which all is compared exactly
     "core/mesh/diameter.py": {"math.log", "np.arcsin", "np.cos"},

@@ -19,8 +19,8 @@ from ctmc_addon.blender.figure.spec import (
     Transparency,
     Turn,
 )
-from ctmc_addon.cli.arguments import tables
-from ctmc_addon.cli.described_flags import help_of
+from ctmc_addon.cli.flags.arguments import tables
+from ctmc_addon.cli.flags.described import help_of
 from ctmc_addon.cli.program import parser
 from ctmc_addon.core import ReconstructionSettings, defaults, descriptions
 from ctmc_addon.readers import ReadingOptions, read_volume

@@ -23,6 +23,35 @@ PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 pytestmark = pytest.mark.once
 
 SMALLER = {"phantom": ["--slices", "8", "--size", "64"]}
+MADE = re.compile(r"<!-- [^>]+: made by a command -->.*?<!-- end of [^>]+ -->", re.DOTALL)
+
+
+@pytest.mark.parametrize(
+    ("page", "most"),
+    [
+        ("README.md", 600),
+        ("docs/architecture.md", 900),
+        ("docs/development/accuracy.md", 900),
+        ("docs/development/performance.md", 900),
+        ("docs/index.md", 3400),
+        ("docs/experiments.md", 1500),
+        ("docs/segmenting.md", 2300),
+    ],
+)
+def test_a_page_has_few_words_beside_its_made_tables(page, most):
+    assert len(MADE.sub("", (ROOT / page).read_text(encoding="utf-8")).split()) <= most
+
+
+def test_the_changelog_has_at_most_150_lines():
+    assert len((ROOT / "CHANGELOG.md").read_text(encoding="utf-8").splitlines()) <= 150
+
+
+def test_every_file_that_the_architecture_page_names_exists():
+    named = re.findall(r"`([a-z_/]+\.py|[a-z_/]+/)`", (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8"))
+    paths = [path.relative_to(ROOT).as_posix() for path in (ROOT / "ctmc_addon").rglob("*")]
+    paths += [path.relative_to(ROOT).as_posix() for path in (ROOT / "tests").glob("*")] + ["tests"]
+    assert len(named) > 30
+    assert [name for name in named if not any(f"/{path}".endswith("/" + name.strip("/")) for path in paths)] == []
 
 
 def test_the_voxel_of_the_architecture_page_goes_the_way_it_says():

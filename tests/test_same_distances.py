@@ -16,7 +16,7 @@ from ctmc_addon.cli.experiment.common import distances_steps
 from ctmc_addon.cli.experiment.simplify import simplify_levels_steps
 from ctmc_addon.core import ReconstructionSettings, Volume, finish, reconstruct
 from ctmc_addon.core.mesh import surface_distance
-from ctmc_addon.ui.state.measurements import measurement_steps
+from ctmc_addon.ui.state.results.measurements import measurement_steps
 
 
 def test_panel_figure_and_experiment_have_one_estimator(tmp_path):

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ctmc_addon import readers
-from ctmc_addon.cli.arguments import command_of
+from ctmc_addon.cli.flags.arguments import command_of
 from ctmc_addon.cli.outputs import Outputs, written_steps
 from ctmc_addon.cli.phantom.command import write_phantom_steps
 from ctmc_addon.cli.phantom.files import WRITERS, require_own_slices

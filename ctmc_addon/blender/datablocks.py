@@ -17,14 +17,14 @@ def remove_blocks(*blocks: bpy.types.ID) -> None:
 def remove_from_scene(scene: bpy.types.Scene, obj: bpy.types.Object) -> bool:
     """Remove an object; return whether it is gone.
 
-    One that other scenes show too stays theirs: it leaves the collections that are this scene's alone.
+    An object that other scenes show too leaves only the collections of this scene.
     """
     if obj.library is not None:
         return False
     if len(obj.users_scene) <= 1:
         bpy.data.objects.remove(obj)
         return True
-    shared = {child for other in bpy.data.scenes if other != scene for child in other.collection.children_recursive}
+    shared = {child for each in bpy.data.scenes if each != scene for child in each.collection.children_recursive}
     for owner in {scene.collection, *scene.collection.children_recursive} - shared:
         if obj.name in owner.objects:
             owner.objects.unlink(obj)

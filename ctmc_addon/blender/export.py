@@ -82,7 +82,7 @@ def export_together(
     if suffix in mesh_files.SUFFIXES:
         mesh_files.require_one_surface(target, len(objects))
         mesh = evaluated_triangles(objects[0], scene)
-        mesh.save(target, space, evaluated_maps(objects[0], scene))
+        mesh.save(target, space, _evaluated_maps(objects[0], scene))
         return len(mesh.faces)
     if suffix in mesh_files.STRUCTURE_SUFFIXES:
         structures = [structure_of(obj, scene) for obj in objects]
@@ -100,11 +100,11 @@ def structure_of(obj: bpy.types.Object, scene: bpy.types.Scene | None = None) ->
     """Return the evaluated surface of an object, with its name and the color and opacity of its material."""
     mesh = evaluated_triangles(obj, scene)
     color, opacity = srgb(material_color(obj)), material_opacity(obj)
-    volume, maps = mesh.measures.enclosed_volume, evaluated_maps(obj, scene)
+    volume, maps = mesh.measures.enclosed_volume, _evaluated_maps(obj, scene)
     return Structure(obj.name, mesh.vertices, mesh.faces, color, opacity, mesh.normals, volume, maps, shown_name(obj))
 
 
-def evaluated_maps(obj: bpy.types.Object, scene: bpy.types.Scene | None = None) -> tuple[SurfaceMap, ...]:
+def _evaluated_maps(obj: bpy.types.Object, scene: bpy.types.Scene | None = None) -> tuple[SurfaceMap, ...]:
     """Return the maps of an object on the vertices that it has with its modifiers, which interpolate the values."""
     maps = [read_map(obj.data, stored.name) for stored in stored_maps(obj.data)]
     if not maps:

@@ -23,7 +23,7 @@ KINDS: Mapping[str, int] = {"distance": 2, "angle": 3}
 UNITS: Mapping[str, str] = {"distance": "mm", "angle": "\N{DEGREE SIGN}"}
 WIRE_MM = 0.4  # Radius of the wire.
 COLOR = (1.0, 0.72, 0.05, 1.0)
-BEHIND = 1e-4  # Blender units by which a ray starts again behind a wire
+BEHIND = 1e-4  # A ray continues this many Blender units behind a wire.
 Point = Sequence[float]
 
 
@@ -169,7 +169,7 @@ def hit(
 def full_hit(
     scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, origin: Vector, direction: Vector
 ) -> tuple[bpy.types.Object, Vector] | None:
-    """Return what `hit` returns, with the point on the full surface of an object that is shown light."""
+    """Return the result of `hit`, with the point on the full surface if the object is shown with fewer triangles."""
     seen = hit(scene, depsgraph, origin, direction)
     if seen is None or shown_faces(seen[0]) is None or seen[0].data.is_editmode:
         return seen

@@ -22,8 +22,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f"ctmc {VERSION}", flush=True)
             return 0
     try:
-        from .address_space import reserve_memory
-        from .interrupts import interrupts_held, sigterm_raised
+        from .machine.address_space import reserve_memory
+        from .machine.interrupts import interrupts_held, sigterm_raised
 
         reserve_memory()
         with sigterm_raised():

@@ -30,10 +30,10 @@ SUFFIX = ".dcm"
 EXTRA = "pip install 'ctmc-addon[dicom-seg]'"
 OLDEST = [0, 27]  # Since this version colors are made from sRGB.
 SERIES_NUMBER = 900  # Scanners use smaller numbers.
-ANATOMY = ("123037004", "SCT", "Anatomical Structure")  # PS3.16 CID 7150
+ANATOMY = ("123037004", "SCT", "Anatomical Structure")  # From PS3.16 CID 7150.
 ABNORMAL = ("49755003", "SCT", "Morphologically Abnormal Structure")
 TISSUE, LESION = ("85756007", "SCT", "Tissue"), ("52988006", "SCT", "Lesion")
-FAMILY = ("123101", "DCM", "Neighborhood Analysis")  # PS3.16 CID 7162
+FAMILY = ("123101", "DCM", "Neighborhood Analysis")  # From PS3.16 CID 7162.
 IDENTITY = (  # Type 2 of PS3.3 C.7.1.1 and C.7.2.1: present, perhaps empty; anonymized files lack some.
     *("PatientID", "PatientName", "PatientBirthDate", "PatientSex"),
     *("AccessionNumber", "StudyID", "StudyDate", "StudyTime"),
@@ -41,7 +41,7 @@ IDENTITY = (  # Type 2 of PS3.3 C.7.1.1 and C.7.2.1: present, perhaps empty; ano
 
 NEEDED = ("SOPClassUID", "SOPInstanceUID", "StudyInstanceUID", "SeriesInstanceUID", "FrameOfReferenceUID")
 
-COPIES = 3  # highdicom copies the masks this often, a byte per voxel each.
+COPIES = 3  # The number of copies of the masks that highdicom makes, of a byte per voxel.
 
 
 def require_highdicom() -> Any:

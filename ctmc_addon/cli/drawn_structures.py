@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import readers
-from ..core import LabelError, OutputError, Steps, Volume
+from ..core import LabelError, OutputError, Steps, Volume, mm_text
 from ..core.files.file_names import printable
 from ..core.files.label_files import Segment
 from ..core.segmentation import MOST_STRUCTURES, Flags, Layers, Window, margin_steps, require_count
@@ -22,7 +22,7 @@ from ..core.volume import (
     placed_labels_steps,
     structure_color,
 )
-from .arguments import with_flags
+from .flags.arguments import with_flags
 
 RGB = tuple[int, int, int]
 
@@ -115,11 +115,12 @@ class Structures:
             before = self.mask(name)
             mask = yield from margin_steps(before, spacing_mm, margin_mm)
             if not mask.any():
-                raise LabelError(f"nothing is left of {name} with a margin of {margin_mm:g} mm; shrink it less")
+                raise LabelError(f"nothing is left of {name} with a margin of {mm_text(margin_mm)}; shrink it less")
             if margin_mm and np.array_equal(mask, before):
                 step_mm = min(spacing_mm)
                 self.notes.append(
-                    f"A margin of {margin_mm:g} mm does not change {name}, because voxels are {step_mm:.3g} mm apart."
+                    f"A margin of {mm_text(margin_mm)} does not change {name}, because voxels are "
+                    f"{mm_text(step_mm, 3)} apart."
                 )
             self.layers.put(self.label_of[name], mask)
         self.layers.compact()

@@ -28,7 +28,7 @@ from ..core.files import mesh_files
 from ..core.files.atomic_write import require_writable, whole_files, write_json
 from ..core.files.file_names import file_names
 from ..core.mesh import coarse_mesh
-from .blender_host import blender_at_work, objects_of, quiet_steps
+from .machine.blender_host import blender_at_work, objects_of, quiet_steps
 from .surface_writer import SurfaceWriter, surface_writer
 from .surfaces import Surfaces
 
@@ -216,10 +216,10 @@ def written_steps(surfaces: Surfaces, outputs: Outputs) -> Steps[tuple[Surfaces,
                 from ..core import write_structures_steps
 
                 with timed(stages, f"Writing {path.suffix.lower()}"):
-                    chosen = [surfaces.results[number] for number in numbers]
-                    shares = opacities_of(chosen, outputs.opacity)
+                    results = [surfaces.results[number] for number in numbers]
+                    shares = opacities_of(results, outputs.opacity)
                     titles = [surfaces.titles[number] for number in numbers]
-                    structures = structures_of(chosen, titles, shares, outputs.map_shown_of(chosen))
+                    structures = structures_of(results, titles, shares, outputs.map_shown_of(results))
                     apart = outputs.explode if path.suffix.lower() in mesh_files.PLACED_SUFFIXES else 0.0
                     for step in write_structures_steps(temporaries[path], structures, outputs.space, apart):
                         yield Step(0.8 + 0.1 * step.fraction, step.message)
@@ -276,12 +276,12 @@ def _with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mappi
                     small = {"size": outputs.thumbnail}
                     objects_shown = objects_of(_coarse_surfaces(shown), "CTMC thumbnail", surfaces.names, opacities)
                     scene, objects, _ = stack.enter_context(objects_shown)
-                names, chosen = surfaces.titles, chosen_opacities(surfaces.results, outputs.opacity)
+                names, given = surfaces.titles, chosen_opacities(surfaces.results, outputs.opacity)
                 # Thumbnails are a batch's, whose processes end with it: another takes longer to start than to render.
                 colors = None if outputs.thumbnail else scale_shown(shown, outputs.map_shown_of(shown))
                 how = {
                     "names": names,
-                    "chosen": chosen,
+                    "opacities": given,
                     "own_process": not outputs.thumbnail,
                     "colors": colors,
                     "explode": outputs.explode,

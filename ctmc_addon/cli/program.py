@@ -13,7 +13,7 @@ from importlib import import_module
 
 from ..core import VERSION, CtmcError, keep_little, memory_refusal
 from ..core.files.input_files import own_input_files
-from .arguments import Parser, UsageError, with_flags
+from .flags.arguments import Parser, UsageError, with_flags
 from .terminal import checked_output
 
 WORKER = "batch-case"  # `ctmc batch` starts it; people do not.

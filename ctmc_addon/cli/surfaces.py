@@ -27,9 +27,10 @@ from ..core import (
 from ..core.maps import MapRequest
 from ..core.solid import SolidRequest
 from ..core.volume import ALL, chosen_labels_steps, region_box
-from .arguments import UsageError
-from .map_flags import AskedMaps
-from .solid_flags import NOTHING, with_structures
+from .flags.arguments import UsageError
+from .flags.combined import with_structures
+from .flags.maps import AskedMaps
+from .flags.solid import NOTHING
 from .surface_writer import SurfaceWriter
 
 
@@ -173,8 +174,8 @@ def surfaces_steps(
                 "the map deviation is a distance to the surface before simplification, and a solid has other changes "
                 "too; leave out --deviation, or the flags of the solid"
             )
-        chosen = [replace(settings, label=label) for label in labels] if choices else [settings]
-        requests = [SurfaceRequest(each, written_bytes=written_bytes) for each in chosen]
+        runs = [replace(settings, label=label) for label in labels] if choices else [settings]
+        requests = [SurfaceRequest(run, written_bytes=written_bytes) for run in runs]
         shaping = _solid_steps(volume, requests, solid, budget, mapping, several, all_needed=ALL not in choices)
         return (yield from stages.run(making, shaping))
     if not several:

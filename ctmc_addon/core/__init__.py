@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Numbers: from gray values to triangles, with NumPy and the standard library alone."""
+"""The numbers: from gray values to triangles, with only NumPy and the standard library."""
 
 from typing import TYPE_CHECKING
 
@@ -58,7 +58,7 @@ from .machine.own_process import (
     interpreter as interpreter,
     own_output as own_output,
     requests as requests,
-    say as say,
+    send as send,
     temporary_files_in as temporary_files_in,
 )
 from .machine.parallel import (
@@ -67,7 +67,7 @@ from .machine.parallel import (
     side_by_side_steps as side_by_side_steps,
     worker_count as worker_count,
 )
-from .measures import (
+from .measures.measures import (
     GRAY_VALUES as GRAY_VALUES,
     GY as GY,
     HU as HU,
@@ -80,10 +80,29 @@ from .measures import (
     columns_in as columns_in,
     combined as combined,
     map_measure as map_measure,
+    map_numbers as map_numbers,
     maps_of as maps_of,
     measure as measure,
     measures_in as measures_in,
     printed_of as printed_of,
+)
+from .measures.reconstruction import Reconstruction as Reconstruction, Stage as Stage
+from .measures.units import (
+    UNITS as UNITS,
+    Unit as Unit,
+    distance_phrases as distance_phrases,
+    fitting_unit as fitting_unit,
+    length_text as length_text,
+    mm_text as mm_text,
+    number_text as number_text,
+    one_way_text as one_way_text,
+    percent_text as percent_text,
+    position_text as position_text,
+    sizes_text as sizes_text,
+    spacing_text as spacing_text,
+    specks_text as specks_text,
+    unit_of as unit_of,
+    volume_text as volume_text,
 )
 from .mesh.triangle_mesh import Surface as Surface, TriangleMesh as TriangleMesh, replayed_steps as replayed_steps
 from .planning.case_plan import (
@@ -111,8 +130,8 @@ from .progress import (
     finish as finish,
     timed_steps as timed_steps,
 )
-from .reconstruction import Reconstruction as Reconstruction, Stage as Stage
 from .settings import (
+    COMPONENTS as COMPONENTS,
     EXCLUSIVE as EXCLUSIVE,
     GOALS as GOALS,
     SETTINGS as SETTINGS,
@@ -127,19 +146,12 @@ from .smoothing.choices import done_smoothing as done_smoothing, has_width as ha
 from .smoothing.methods import SMOOTHINGS as SMOOTHINGS, smoothing_of as smoothing_of, used_settings as used_settings
 from .surfaces.extract import reconstruct_steps as reconstruct_steps, result_and_full_steps as result_and_full_steps
 from .surfaces.finish import simplified_steps as simplified_steps, without_small_steps as without_small_steps
-from .surfaces.make import make_surfaces_steps as make_surfaces_steps, reconstruct as reconstruct
-from .surfaces.request import MadeSurface as MadeSurface, SurfaceRequest as SurfaceRequest, share_walls as share_walls
-from .units import (
-    UNITS as UNITS,
-    Unit as Unit,
-    distance_phrases as distance_phrases,
-    length_text as length_text,
-    number_text as number_text,
-    one_way_text as one_way_text,
-    specks_text as specks_text,
-    unit_of as unit_of,
-    volume_text as volume_text,
+from .surfaces.make import (
+    make_surfaces_steps as make_surfaces_steps,
+    one_of_labels_steps as one_of_labels_steps,
+    reconstruct as reconstruct,
 )
+from .surfaces.request import MadeSurface as MadeSurface, SurfaceRequest as SurfaceRequest, share_walls as share_walls
 from .volume.volume import Volume as Volume
 
 if TYPE_CHECKING:
@@ -150,7 +162,7 @@ if TYPE_CHECKING:
         compare_labels as compare_labels,
         compare_labels_steps as compare_labels_steps,
     )
-    from .change.limits import ChangeLimits as ChangeLimits, Status as Status
+    from .change.limits import ChangeLimits as ChangeLimits, ChangeStatus as ChangeStatus
     from .change.table import (
         CHANGE_HEADS as CHANGE_HEADS,
         change_cells as change_cells,
@@ -162,14 +174,7 @@ if TYPE_CHECKING:
         write_structures as write_structures,
         write_structures_steps as write_structures_steps,
     )
-    from .mesh.angles.alpha_choice import AlphaChoice as AlphaChoice, chosen_alpha_steps as chosen_alpha_steps
-    from .mesh.distance.triangle_tree import distances as distances
-    from .planning.cost_estimate import FieldCache as FieldCache, cost_estimate_steps as cost_estimate_steps
-    from .planning.counted_surface import CostEstimate as CostEstimate
-    from .planning.rates import CALIBRATION as CALIBRATION
-    from .preview import LEAVE_IT as LEAVE_IT, Preview as Preview, PreviewResult as PreviewResult
-    from .simplification.simplify import simplify as simplify, simplify_steps as simplify_steps
-    from .structure_table import (
+    from .measures.structure_table import (
         StructureRow as StructureRow,
         measure_structures as measure_structures,
         measure_structures_steps as measure_structures_steps,
@@ -178,6 +183,13 @@ if TYPE_CHECKING:
         table_csv as table_csv,
         table_heads as table_heads,
     )
+    from .mesh.angles.alpha_choice import AlphaChoice as AlphaChoice, chosen_alpha_steps as chosen_alpha_steps
+    from .mesh.distance.triangle_tree import distances as distances
+    from .planning.cost_estimate import FieldCache as FieldCache, cost_estimate_steps as cost_estimate_steps
+    from .planning.counted_surface import CostEstimate as CostEstimate
+    from .planning.rates import CALIBRATION as CALIBRATION
+    from .preview import LEAVE_IT as LEAVE_IT, Preview as Preview, PreviewResult as PreviewResult
+    from .simplification.simplify import simplify as simplify, simplify_steps as simplify_steps
     from .structures import (
         chosen_opacities as chosen_opacities,
         opacities_of as opacities_of,

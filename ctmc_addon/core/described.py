@@ -56,6 +56,8 @@ class Setting:
         Whether manifests, settings files and reports hold it; what is not kept is given again each time.
     stage : str
         Stage of a reconstruction that it belongs to.
+    caption : callable, optional
+        Returns the phrase of a figure's caption for a value that is not the default.
     check : callable, optional
         Returns the value in its type or raises a `SettingsError` instead of the general check.
     """
@@ -80,6 +82,7 @@ class Setting:
     without: str = ""
     kept: bool = True
     stage: str = ""
+    caption: Callable[[Any], str] | None = None
     check: Callable[[Any], Any] | None = None
 
     @property
@@ -185,8 +188,8 @@ def checked(name: str, value: Any, about: Setting) -> Any:
     if about.check is not None:
         return about.check(value)
     if about.many:
-        one = dataclasses.replace(about, many=False)
-        return tuple(checked(name, item, one) for item in value)
+        single = dataclasses.replace(about, many=False)
+        return tuple(checked(name, item, single) for item in value)
     if about.size > 1:
         if isinstance(value, str) or not isinstance(value, (numbers.Real, Iterable)):
             raise SettingsError(f"{name} takes {about.size} numbers, not {value!r}")

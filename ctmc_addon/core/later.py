@@ -15,7 +15,7 @@ from typing import Any
 def lazy_names(package: str) -> Callable[[str], Any]:
     """Return the `__getattr__` of a package that imports the names under its `if TYPE_CHECKING:` on first use.
 
-    Those names stand in one place, where type checkers read them too.
+    The names are listed once, where type checkers read them too.
 
     Parameters
     ----------

@@ -12,6 +12,7 @@ from typing import Any
 
 from .described import AUTO, Described, defaults, descriptions, setting
 from .errors import SettingsError
+from .measures.units import volume_text
 from .smoothing.choices import (
     CHOICES,
     NONE,
@@ -126,6 +127,7 @@ class ReconstructionSettings(Described):
         "interpolant. Both give a closed surface",
         label="Topology",
         stage=EXTRACTION,
+        caption="{} topology".format,
         choices=("classic", "trilinear"),
         type=str,
     )
@@ -165,6 +167,7 @@ class ReconstructionSettings(Described):
         "Close the surface where it meets the border of the volume or region with a cap half a pixel outside it",
         label="Close Border",
         stage=EXTRACTION,
+        caption="closed at the border".format,
         type=bool,
     )
     region: tuple[float, float, float, float, float, float] | None = setting(
@@ -172,6 +175,7 @@ class ReconstructionSettings(Described):
         "Box: lowest x, y, z, then highest x, y, z. A box in mm takes every voxel it touches",
         label="Region",
         stage=FIELD,
+        caption="a region".format,
         unit="voxels or mm",
         size=6,
         start=(0.0, 0.0, 0.0, 1.0, 1.0, 1.0),
@@ -190,6 +194,7 @@ class ReconstructionSettings(Described):
         "Keep this many of the largest connected components, each with its cavities. 0 = all",
         label="Keep Largest",
         stage=COMPONENTS,
+        caption=lambda count: "largest component" if count == 1 else f"{count} largest components",
         low=0,
         high=1_000_000,
         type=int,
@@ -200,6 +205,7 @@ class ReconstructionSettings(Described):
         "Larger = fewer small components. 0 = none",
         label="Minimum Volume",
         stage=COMPONENTS,
+        caption=lambda least: f"components of {volume_text(least)} or more",
         unit="mm3",
         low=0.0,
         flag="min-part",
@@ -271,8 +277,8 @@ class ReconstructionSettings(Described):
                 raise SettingsError(f"{' and '.join(given)} cannot be set together; choose one")
         for name in SETTINGS:
             if not is_allowed(self, name) and getattr(self, name) is not None:
-                other, choice = INCOMPATIBLE[name]
-                raise SettingsError(f"{name} is not possible with {other} {choice}; choose another {other}")
+                rival, choice = INCOMPATIBLE[name]
+                raise SettingsError(f"{name} is not possible with {rival} {choice}; choose another {rival}")
         if self.threshold is not None and self.upper is not None and self.upper < self.threshold:
             raise SettingsError(f"upper {self.upper:g} is below threshold {self.threshold:g}; give the lower one first")
         if self.threshold is not None and not is_for_gray(self.smoothing):
@@ -392,8 +398,8 @@ def with_present_names(values: Mapping[str, Any]) -> dict[str, Any]:
 
 def is_allowed(settings: Any, name: str) -> bool:
     """Return whether the other settings, of an object with their names, allow the setting `name` to be given."""
-    other, choice = INCOMPATIBLE.get(name, (name, None))
-    return choice is None or getattr(settings, other) != choice
+    rival, choice = INCOMPATIBLE.get(name, (name, None))
+    return choice is None or getattr(settings, rival) != choice
 
 
 def require_corners_in_order(region: Sequence[float]) -> None:

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 from .errors import AbsentLabelError
 from .files.file_names import file_key, printable
-from .reconstruction import Reconstruction
+from .measures.reconstruction import Reconstruction
 from .volume.labels.anatomy import anatomy_of
+from .volume.labels.extents import compared_name
 from .volume.labels.structure_colors import part_rgb, structure_color
 
 if TYPE_CHECKING:
@@ -72,42 +73,42 @@ def structures_of(
 
 
 def opacities_of(
-    results: Sequence[Reconstruction], chosen: Sequence[tuple[int | str, float]] = ()
+    results: Sequence[Reconstruction], given: Sequence[tuple[int | str, float]] = ()
 ) -> tuple[float | None, ...]:
-    """Return the opacity of each result; None for an opaque one for which nobody has chosen another.
+    """Return the opacity of each result; None for an opaque one without a given opacity.
 
     Parameters
     ----------
     results : sequence of Reconstruction
-    chosen : sequence of (label number, name or 'all', float)
-        Opacities from 0 to 1; of several that fit the last one counts, and a label's own name or number before one
-        of the same anatomy, and that before 'all'. Others are of the anatomical name, and None for a surface alone.
+    given : sequence of (label number, name or 'all', float)
+        Opacities from 0 to 1. The last one that fits counts; a label's name or number goes before a name of the same
+        anatomy, and that before 'all'. Without one, the anatomical name decides, and a single surface has None.
     """
     out: list[float | None] = []
-    for result, opacity in zip(results, chosen_opacities(results, chosen), strict=True):
+    for result, opacity in zip(results, chosen_opacities(results, given), strict=True):
         own = structure_color(result.settings.label, None, result.label_name).opacity if len(results) > 1 else 1.0
         out.append(opacity if opacity is not None else own if own < 1.0 else None)
     return tuple(out)
 
 
 def chosen_opacities(
-    results: Sequence[Reconstruction], chosen: Sequence[tuple[int | str, float]] = ()
+    results: Sequence[Reconstruction], given: Sequence[tuple[int | str, float]] = ()
 ) -> tuple[float | None, ...]:
-    """Return the opacity that was chosen for each result, None for none; `chosen` is as for `opacities_of`."""
-    names = {_plain(result.label_name) for result in results}
-    return tuple(_chosen_opacity(chosen, result.settings.label, result.label_name, names) for result in results)
+    """Return the given opacity of each result, None for none; `given` is as for `opacities_of`."""
+    names = {compared_name(result.label_name) for result in results}
+    return tuple(_given_opacity(given, result.settings.label, result.label_name, names) for result in results)
 
 
-def require_opacities(chosen: Sequence[tuple[int | str, float]], labels: Iterable[tuple[int, str]]) -> None:
-    """Raise `AbsentLabelError` for a name that none of these labels, numbers with names, answers to.
+def require_opacities(given: Sequence[tuple[int | str, float]], labels: Iterable[tuple[int, str]]) -> None:
+    """Raise `AbsentLabelError` for a name that fits none of these labels, numbers with names.
 
     Parameters
     ----------
-    chosen : sequence of (label number, name or 'all', float)
+    given : sequence of (label number, name or 'all', float)
     labels : iterable of (int, str)
     """
     label_names = [name for _, name in labels if name]
-    for choice, _ in chosen:
+    for choice, _ in given:
         if isinstance(choice, str) and choice != ALL and not any(_fit(choice, None, name) for name in label_names):
             there = (
                 f"; there are {', '.join(label_names[:8])}"
@@ -117,14 +118,14 @@ def require_opacities(chosen: Sequence[tuple[int | str, float]], labels: Iterabl
             raise AbsentLabelError(f"--opacity names {choice!r}, but no structure has that name{there}")
 
 
-def _chosen_opacity(
-    chosen: Sequence[tuple[int | str, float]], label: int | None, name: str, names: Set[str]
+def _given_opacity(
+    given: Sequence[tuple[int | str, float]], label: int | None, name: str, names: Set[str]
 ) -> float | None:
     best_opacity, best = None, 0
-    for choice, opacity in chosen:
+    for choice, opacity in given:
         fit = _fit(choice, label, name)
         # What a structure is called goes to that one alone: of two kidneys the anatomy is the same.
-        if fit == 2 and isinstance(choice, str) and _plain(choice) in names:
+        if fit == 2 and isinstance(choice, str) and compared_name(choice) in names:
             continue
         if fit and fit >= best:
             best_opacity, best = opacity, fit
@@ -137,14 +138,10 @@ def _fit(choice: int | str, label: int | None, name: str) -> int:
         return 1
     if not isinstance(choice, str):
         return 3 if choice == label else 0
-    if _plain(choice) == _plain(name):
+    if compared_name(choice) == compared_name(name):
         return 3
     anatomy = anatomy_of(choice)
     return 2 if anatomy is not None and anatomy == anatomy_of(name) else 0
-
-
-def _plain(name: str) -> str:
-    return " ".join(name.casefold().replace("_", " ").split())
 
 
 def structure_names(results: Sequence[Reconstruction]) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from typing import Any
 from ..core import Budget, CtmcError, ReadError, Stages, Step, Steps, defaults, finish
 from ..core.volume import Volume
 from .dicom.labels.classes import DOSE, label_class, object_class
-from .dicom.listing import series_names
+from .dicom.series.listing import series_names
 from .file_formats import (
     files_below,
     format_of,
@@ -167,15 +167,15 @@ def read_volume(
     region_unit : {"voxel", "mm"}
         Whether the region is in voxel indices or RAS+ mm, in which every voxel that it touches belongs to it.
     stride : (x, y, z) int
-        Keep every so many samples along each axis, from the region's first on.
+        Steps between kept samples along each axis, from the first of the region on.
     options : ReadingOptions, optional
         How the path is read; of its fields, those that are given above win.
 
     Returns
     -------
     Volume
-        Whose notes say what was assumed. Of a region or stride it has the values, the type and the kind that these
-        samples have in the whole volume.
+        Its notes report assumptions. With a region or stride, its samples have the values, type and kind that they have
+        in the whole volume.
 
     Raises
     ------
@@ -268,7 +268,7 @@ def _format_at(path: Path) -> str:
 
 def _open_folder_steps(folder: Path) -> Steps[VolumeSource]:
     """Open the image slices or the DICOM files of a folder, whichever are more; `ReadError` without either."""
-    from .dicom import series as dicom_series
+    from .dicom.series import series as dicom_series
     from .images import folder as image_folder
     from .labels import masks
 
@@ -290,14 +290,14 @@ def _open_folder_steps(folder: Path) -> Steps[VolumeSource]:
         return masks_in_files
     labels = [file for file in files if label_class(file)]
     doses = [file for file in files if object_class(file) == DOSE]
-    for found, what in ((labels, "segmentations or structure sets"), (doses, "doses")):
-        if len(found) == 1:
-            return (yield from open_volume_steps(found[0]))
-        if found:
-            names = ", ".join(file.relative_to(folder).as_posix() for file in found[:5])
+    for candidates, what in ((labels, "segmentations or structure sets"), (doses, "doses")):
+        if len(candidates) == 1:
+            return (yield from open_volume_steps(candidates[0]))
+        if candidates:
+            names = ", ".join(file.relative_to(folder).as_posix() for file in candidates[:5])
             raise ReadError(
-                f"the folder {folder.name} has {len(found)} {what} ({names}"
-                f"{' and more' if len(found) > 5 else ''}); choose one of them"
+                f"the folder {folder.name} has {len(candidates)} {what} ({names}"
+                f"{' and more' if len(candidates) > 5 else ''}); choose one of them"
             )
     volumes += sorted(file.name for file in folder.iterdir() if suffix(file) in VOLUME_SUFFIXES)
     folders = [entry.name for entry in inner if image_folder.images_in(entry)]
@@ -376,7 +376,7 @@ def estimate_voxels(path: Path, allow_outside: bool = False) -> int:
         If there is no readable volume.
     """
     if path.is_dir() and not folder_format(path):
-        from .dicom.series import estimate_voxels as dicom_voxels
+        from .dicom.series.folder import estimate_voxels as dicom_voxels
 
         voxels = dicom_voxels(path)
         if voxels:

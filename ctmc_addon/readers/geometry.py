@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import ReadError
+from ..core import ReadError, spacing_text
 from ..core.volume import SPACING_LIMITS, is_spacing, spacing_of
 
 ROUNDED = 1e-3  # Two lengths in a file are the same if they differ by at most this share.
@@ -60,7 +60,7 @@ def respaced(
 
 def instead_of(lengths_mm: Iterable[float]) -> str:
     """Return words about a file's spacing where another one is asked for."""
-    return f"instead of the file's own {lengths_text(lengths_mm)} mm"
+    return f"instead of the file's own {spacing_text(lengths_mm)}"
 
 
 def turned_notes(what: str, lengths: NDArray[np.float64]) -> tuple[str, ...]:
@@ -93,7 +93,7 @@ def require_spacing(affine: NDArray[np.float64], name: str) -> None:
     lengths = spacing_of(affine)
     if np.isfinite(lengths).all() and not is_spacing(lengths):
         raise ReadError(
-            f"{name} has a spacing of {lengths_text(lengths)} mm, and it must be {SPACING_LIMITS}; "
+            f"{name} has a spacing of {spacing_text(lengths)}, and it must be {SPACING_LIMITS}; "
             "give the spacing x, y, z in mm"
         )
 

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-PREFIXES = {"nano": 1e-6, "micro": 1e-3, "milli": 1.0, "centi": 10.0, "deci": 100.0, "": 1000.0}  # Millimeters.
+PREFIXES = {"nano": 1e-6, "micro": 1e-3, "milli": 1.0, "centi": 10.0, "deci": 100.0, "": 1000.0}  # In millimeters.
 TO_MM = {
     **{f"{prefix}{meter}": mm for prefix, mm in PREFIXES.items() for meter in ("meter", "meters", "metre", "metres")},
     **{"nm": 1e-6, "um": 1e-3, "\u03bcm": 1e-3, "mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0},
     **{"micron": 1e-3, "microns": 1e-3, "angstrom": 1e-7, "angstroms": 1e-7, "\u00e5": 1e-7},
     **{"inch": 25.4, "inches": 25.4, "in": 25.4, '"': 25.4, "foot": 304.8, "feet": 304.8, "ft": 304.8},
 }
-OTHER_IN_CAPITALS = ("Mm",)  # Megameter.
+OTHER_IN_CAPITALS = ("Mm",)  # Units that mean something else in small letters: Mm is a megameter.
 
 
 def mm_of(unit: str) -> float | None:

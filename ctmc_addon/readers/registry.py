@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """List every format: its name, the marks that identify it, and the module that opens it.
 
-A new format is a line of `FORMATS` and a module of this package. The module has `open_steps(path)`, steps that return a
-`VolumeSource`; if its files may be slices, also `is_whole_volume(path)`, which says whether a file is a volume by
-itself. Modules are imported when they are first needed, so that they may import this table too.
+A new format is a line of `FORMATS` and a module of this package. If its files or folders are volumes, the module has
+`open_source(path)`, which reads a header and returns a `VolumeSource`. If they may be slices, it has
+`open_steps(path)`, which reads the headers of many files, and `is_whole_volume(path)`, which says whether a file is a
+volume by itself. Modules are imported when they are first needed, so that they may import this table too.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ..core import Steps
+from .optional_imports import imported_steps
 
 VOLUME, FOLDER, SLICE, PAGES, SERIES = "volume", "folder", "slice", "pages", "series"
 
@@ -40,6 +42,8 @@ class Format:
         Suffix of the file of values beside a text of such a suffix, which opens the pair too.
     may_be_mask : bool
         Whether a folder of such files may be a folder of masks: they say where their voxels lie.
+    library : tuple of str
+        The module that reads a volume's header, its package, and where it is optional how to install it.
     """
 
     module: str
@@ -49,6 +53,7 @@ class Format:
     names: tuple[str, ...] = ()
     values: str = ""
     may_be_mask: bool = False
+    library: tuple[str, ...] = ()
 
 
 def _at_start(*marks: bytes) -> tuple[tuple[int, bytes], ...]:
@@ -59,6 +64,10 @@ def _at_start(*marks: bytes) -> tuple[tuple[int, bytes], ...]:
 JPEG_2000, JPEG_2000_MARKS = (".jp2", ".j2k", ".jpx", ".j2c"), _at_start(b"\0\0\0\x0cjP  ", b"\xff\x4f\xff\x51")
 TIFF_MARKS = _at_start(b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 ZARR = ("zarr.json", ".zattrs", ".zgroup", ".zarray")
+ZARR_LIBRARY = ("zarr", "zarr", "install it by `pip install ctmc-addon[zarr]`")
+# The first import of nibabel takes long; that of NIfTI-2 brings NIfTI-1.
+NIFTI_LIBRARY = ("nibabel.nifti2", "nibabel")
+MGH_LIBRARY, ANALYZE_LIBRARY = ("nibabel.freesurfer.mghformat", "nibabel"), ("nibabel.spm2analyze", "nibabel")
 
 # By the name that users see. DICOM's mark is asked before TIFF's, as a DICOM file may begin like a TIFF (PS3.10, 7.1).
 FORMATS = {
@@ -68,15 +77,19 @@ FORMATS = {
     "BMP": Format("images.folder", (".bmp",), (), SLICE),
     "TIFF": Format("images.folder", (".tif", ".tiff"), TIFF_MARKS, PAGES),
     "JPEG 2000": Format("images.folder", JPEG_2000, JPEG_2000_MARKS, SLICE),
-    "NIfTI": Format("volumes.nifti", (".nii", ".nii.gz"), ((344, b"n+1\0"), (4, b"n+2\0")), may_be_mask=True),
+    "NIfTI": Format(
+        *("volumes.nifti", (".nii", ".nii.gz"), ((344, b"n+1\0"), (4, b"n+2\0"))),
+        may_be_mask=True,
+        library=NIFTI_LIBRARY,
+    ),
     "NRRD": Format("volumes.nrrd", (".nrrd", ".nhdr"), _at_start(b"NRRD"), may_be_mask=True),
     "NumPy": Format("volumes.npy", (".npy",), _at_start(b"\x93NUMPY")),
     "MetaImage": Format("volumes.metaimage", (".mha", ".mhd"), _at_start(b"ObjectType ="), may_be_mask=True),
-    "MGH": Format("volumes.mgh", (".mgh", ".mgz"), may_be_mask=True),
-    "Analyze": Format("volumes.analyze", (".hdr",), values=".img"),
+    "MGH": Format("volumes.mgh", (".mgh", ".mgz"), may_be_mask=True, library=MGH_LIBRARY),
+    "Analyze": Format("volumes.analyze", (".hdr",), values=".img", library=ANALYZE_LIBRARY),
     "VFF": Format("volumes.vff", (".vff",), _at_start(b"ncaa")),
     "VOL": Format("volumes.vol", (".vgi", ".vol.info"), values=".vol"),
-    "OME-Zarr": Format("volumes.ome_zarr", (".ome.zarr", ".zarr"), (), FOLDER, ZARR),
+    "OME-Zarr": Format("volumes.ome_zarr", (".ome.zarr", ".zarr"), (), FOLDER, ZARR, library=ZARR_LIBRARY),
 }
 
 
@@ -125,7 +138,13 @@ def folder_format(folder: Path, names: Collection[str] | None = None) -> str:
 
 def open_steps(name: str, path: Path) -> Steps[Any]:
     """Open a file or folder of the format `name`: steps that return its `VolumeSource`."""
-    return (yield from _module(name).open_steps(path))
+    about, module = FORMATS[name], _module(name)
+    if about.holds not in (VOLUME, FOLDER):
+        return (yield from module.open_steps(path))
+    if about.library:
+        library, package, *remedy = about.library
+        yield from imported_steps(library, package, name, *remedy)
+    return module.open_source(path)
 
 
 def is_whole_volume(name: str, path: Path) -> bool:

@@ -7,7 +7,6 @@ format, so they are answered here. Affines map (x, y, z) = (column, row, slice) 
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import (
+    PAUSE,
     Budget,
     MemoryLimitError,
     ReadError,
@@ -26,12 +26,14 @@ from ..core import (
     VolumeError,
     descriptions,
     finish,
+    length_text,
     one_line,
+    spacing_text,
 )
 from ..core.files.input_files import add_inputs
 from ..core.volume import SliceReader, ValueKind, ValuesInMemory, Volume, anatomy_of, box_of
 from .file_formats import stem
-from .geometry import AXIAL, flipped, instead_of, lengths_text, require_spacing, respaced, taken_as_axial
+from .geometry import AXIAL, flipped, instead_of, require_spacing, respaced, taken_as_axial
 from .labels.names.tables import table_for
 from .options import ReadingOptions, options_of
 from .value_kind import kind_steps, require_volume_memory
@@ -111,7 +113,7 @@ class Series:
         >>> Series(2, "", 30, (512, 512), "CT", spacing_mm=1.5, dicom_number="4", description="Lung").screen_text
         'series 2: 30 slices of 512 x 512, CT, 1.5 mm apart, no. 4, Lung'
         """
-        apart = "" if self.spacing_mm is None else f"{self.spacing_mm:.4g} mm apart"
+        apart = "" if self.spacing_mm is None else f"{length_text(self.spacing_mm)} apart"
         number = f"no. {self.dicom_number}" if self.dicom_number else ""
         folder = f"in {self.folder}" if self.folder else ""
         parts = [self.text, apart, number, self.description, self.kernel, folder]
@@ -186,7 +188,7 @@ class ReadRequest(ReadingOptions):
     budget: Budget = Budget(threads=1)  # noqa: RUF009  (frozen)
 
 
-class VolumeSource(ABC):
+class VolumeSource:
     """The volume at a path, described by its headers; its values are not read yet. `open_volume` returns it.
 
     Parameters
@@ -232,9 +234,14 @@ class VolumeSource(ABC):
         """Return all files that belong to it."""
         return self._files
 
-    @abstractmethod
     def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
-        """Read the values."""
+        """Read the values; a format whose values stay in the file until they are wanted has `raw_values` instead."""
+        yield PAUSE
+        return self.raw_values(request)
+
+    def raw_values(self, request: ReadRequest) -> RawValues:
+        """Return the values as `read_raw_steps`."""
+        raise NotImplementedError
 
     def selected_series(self, series: str | int | None) -> Series | None:
         """Return the series that `read_steps` would read; None where there is none, or not this one."""
@@ -259,9 +266,9 @@ class VolumeSource(ABC):
         """Read the volume; parameters, result and errors are those of `read_volume`."""
         budget, sides = checked_budget(budget), checked_stride(stride)
         whole = region is None and sides == (1, 1, 1)
-        stages = Stages({"Looking at the values": 1, "Reading values": 0.1 if whole else 9})
+        stages = Stages({"Checking values": 1, "Reading values": 0.1 if whole else 9})
         opened = self._opened_steps(options_of(options, fields), budget, whole)
-        slabs = yield from stages.run("Looking at the values", opened)
+        slabs = yield from stages.run("Checking values", opened)
         x, y, z = box_of(slabs, None if region is None else tuple(region), region_unit)
         slabs = slabs.part((x, y, z))
         if not whole:
@@ -329,7 +336,7 @@ class VolumeSource(ABC):
 
     def _slabs_steps(self, request: ReadRequest, earlier_notes: Sequence[str]) -> Steps[Volume]:
         """Return the volume with the requested spacing and mirrored axes, and notes about them."""
-        stages = Stages({"Reading values": 9, "Looking at the values": 1})
+        stages = Stages({"Reading values": 9, "Checking values": 1})
         raw = yield from stages.run("Reading values", self.read_raw_steps(request))
         reader = raw.values if isinstance(raw.values, SliceReader) else ValuesInMemory(raw.values)
         if request.whole:
@@ -347,12 +354,12 @@ class VolumeSource(ABC):
             what = "a NumPy file" if self.format == "NumPy" else self.format
             notes.append(taken_as_axial(what))
             if spacing is not None and raw.spacing is not None:
-                notes.append(f"spacing {lengths_text(spacing)} mm as asked, {instead_of(raw.spacing)}")
+                notes.append(f"spacing {spacing_text(spacing)} as asked, {instead_of(raw.spacing)}")
             if spacing is None and raw.spacing is None:
                 notes.append(f"{what} has no spacing: 1 mm is assumed along x, y and z; give the spacing in mm")
         elif spacing is not None:
-            affine, own_spacing, said = respaced(affine, spacing, raw.directions)
-            notes += [f"spacing {lengths_text(spacing)} mm as asked, {raw.own_spacing or own_spacing}", *said]
+            affine, own_spacing, spacing_notes = respaced(affine, spacing, raw.directions)
+            notes += [f"spacing {spacing_text(spacing)} as asked, {raw.own_spacing or own_spacing}", *spacing_notes]
         require_spacing(affine, self.path.name)
         if request.flip:
             affine = flipped(affine, reader.shape[::-1], request.flip)
@@ -361,7 +368,7 @@ class VolumeSource(ABC):
         if kind is None or (kind == ValueKind.LABEL and not reader.is_whole):
             is_label = kind == ValueKind.LABEL or bool(raw.label_names)
             looking = kind_steps(reader, self.name, is_label, raw.affine is not None)
-            kind, reader, value_notes = yield from stages.run("Looking at the values", looking)
+            kind, reader, value_notes = yield from stages.run("Checking values", looking)
             notes += value_notes
         names, colors = raw.label_names, raw.label_colors
         if kind == ValueKind.LABEL and not names:
@@ -397,7 +404,7 @@ def unreadable(path: Path, error: OSError) -> ReadError:
 
 def out_of_memory(path: Path) -> MemoryLimitError:
     """Return the error for a file whose unpacking takes more memory than is left."""
-    return MemoryLimitError(f"{path.name} needs more memory than there is; check the file, or close other programs")
+    return MemoryLimitError(f"{path.name} needs more memory than is available; check the file, or close other programs")
 
 
 def checked_budget(budget: Budget | None) -> Budget:

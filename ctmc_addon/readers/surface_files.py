@@ -55,14 +55,14 @@ def read_surface_steps(path: Path) -> Steps[TriangleMesh]:
     try:
         vertices, faces = (_ply if content[:3] == b"ply" else _stl)(content)
     except (ValueError, IndexError, KeyError, OverflowError) as error:
-        raise ReadError(f"{path.name} is damaged or no {path.suffix[1:].upper()}; write it again") from error
+        raise ReadError(f"{path.name} is damaged or not {path.suffix[1:].upper()}; write it again") from error
     yield Step(0.8, f"Reading {path.name}")
     if not len(faces):
         raise ReadError(f"{path.name} has no triangles; give a surface")
     if not np.isfinite(vertices).all():
         raise ReadError(f"{path.name} has positions that are not numbers; write it again")
     if faces.min() < 0 or faces.max() >= len(vertices):
-        raise ReadError(f"{path.name} has faces of vertices that it lacks; write it again")
+        raise ReadError(f"{path.name} has faces of missing vertices; write it again")
     return TriangleMesh(np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(faces, np.int32))
 
 
@@ -91,7 +91,7 @@ def _ply(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         raise ValueError("no end of the header")
     body = body[2:] if body[:2] == b"\r\n" else body[1:]
     lines = [line.split() for line in head.decode("ascii").splitlines()]
-    form = next(line[1] for line in lines if line[:1] == ["format"])
+    form = next((line[1] for line in lines if line[:1] == ["format"]), "")
     elements: list[Element] = []
     for line in lines:
         if line[:1] == ["element"]:
@@ -108,7 +108,7 @@ def _ply(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         if name == "vertex":
             vertices = np.stack([columns[axis][0] for axis in "xyz"], axis=1)
         elif name == "face":
-            polygons = next(columns[each] for each in ("vertex_indices", "vertex_index") if each in columns)
+            polygons = columns["vertex_indices" if "vertex_indices" in columns else "vertex_index"]
     if vertices is None or polygons is None:
         raise ValueError("no vertices or faces")
     return vertices, _fans(polygons)
@@ -128,6 +128,8 @@ def _element(
 
     Rows whose lists are as long as those of the row before are read at once: arrays (rows,), of lists (rows, items).
     """
+    if count < 0 or (count and not kinds):
+        raise ValueError("an element without rows or properties")
     columns: dict[str, list[NDArray[Any]]] = {name: [] for name, _, _ in kinds}
     look = FEWEST_ROWS
     while count:

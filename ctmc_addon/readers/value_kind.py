@@ -24,7 +24,7 @@ from ..core.volume import (
 
 LABEL_WORDS = ("segmentation", "seg", "label", "labels", "labelmap", "mask", "masks")
 MASK_VALUES = (1, 255)  # Inside of a mask whose outside is 0.
-MOST_LABELS = 128  # TotalSegmentator has 117; 8 bit gray values nearly use up their 256
+MOST_LABELS = 128  # TotalSegmentator has 117 labels; 8 bit gray values use nearly all of their 256.
 AIR_HU = -100.0  # Only air, lung and fat lie below it, and every CT has air.
 
 
@@ -313,5 +313,5 @@ def is_mask_steps(reader: SliceReader) -> Steps[int]:
             return 0
         if len(seen) > 2 or not seen <= {0.0, *map(float, MASK_VALUES)}:
             return 0
-        yield Step((number + 1) / len(slices), "Looking at the values")
+        yield Step((number + 1) / len(slices), "Checking values")
     return next((value for value in MASK_VALUES if seen == {0.0, float(value)}), 0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..core import ReconstructionSettings, smoothing_of
+from ..core import SETTINGS, ReconstructionSettings, defaults, length_text, sizes_text, smoothing_of
 
 
 def figure_caption(
@@ -47,7 +47,7 @@ def figure_caption(
         if all(phrase in _shape_phrases(surface) for surface in settings):
             phrases.append(phrase)
     if explode and len(settings) > 1:
-        phrases.append(f"exploded by {explode:g} mm")
+        phrases.append(f"exploded by {length_text(explode)}")
     text = ", ".join([*phrases, f"{triangles:,} triangles"])
     return text[0].upper() + text[1:]
 
@@ -61,22 +61,17 @@ def _shape_phrases(settings: ReconstructionSettings) -> list[str]:
     ['closed at the border', 'largest component', 'simplified by 90 %']
     """
     phrases = []
-    if settings.topology != "classic":
-        phrases.append(f"{settings.topology} topology")
-    if settings.region is not None:
-        phrases.append("a region")
-    if settings.close_border:
-        phrases.append("closed at the border")
-    if settings.keep_parts:
-        phrases.append("largest component" if settings.keep_parts == 1 else f"{settings.keep_parts} largest components")
-    if settings.min_part_mm3:
-        phrases.append(f"components of {settings.min_part_mm3:g} mm³ or more")
+    default = defaults(ReconstructionSettings)
+    for name, about in SETTINGS.items():
+        value = getattr(settings, name)
+        if about.caption is not None and value != default[name]:
+            phrases.append(about.caption(value))
     if settings.simplifies:
         how = "simplified"
         if settings.reduction is not None:
             how += f" by {settings.reduction * 100:.4g} %"
         elif settings.max_error_mm is not None:
-            how += f" within {settings.max_error_mm:g} mm"
+            how += f" within {length_text(settings.max_error_mm)}"
         phrases.append(f"{how} (Decimate)" if settings.simplifier == "decimate" else how)
     return phrases
 
@@ -89,11 +84,12 @@ def stride_phrase(stride: Sequence[int], spacing_mm: Sequence[float] = ()) -> st
     >>> stride_phrase((2, 2), (0.745, 0.745))
     'stride 2 px = 1.49 mm'
     """
-    lengths = [(str(step), f"{step * side:.3g}") for step, side in zip(stride, spacing_mm or stride, strict=True)]
-    if len(set(lengths)) == 1:
-        lengths = lengths[:1]
-    pixels, sides_mm = (" × ".join(column) for column in zip(*lengths, strict=True))
-    return f"stride {pixels} px = {sides_mm} mm" if spacing_mm else f"stride {pixels} px"
+    sides = [(step, step * side) for step, side in zip(stride, spacing_mm or stride, strict=True)]
+    if len({(step, f"{side:.3g}") for step, side in sides}) == 1:
+        sides = sides[:1]
+    pixels, lengths = zip(*sides, strict=True)
+    text = f"stride {' × '.join(map(str, pixels))} px"
+    return f"{text} = {sizes_text(lengths, digits=3).replace(' x ', ' × ')}" if spacing_mm else text
 
 
 def smoothing_phrase(settings: ReconstructionSettings) -> str:

@@ -3,9 +3,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from unicodedata import east_asian_width
 
+# Spaces that no line breaks at: around the x of sizes, and before a unit.
+_WITHIN = re.compile(r"(?<=\d) (?=x \d)|(?<=\d x) (?=\d)|(?<=\d) (?=(?:mm|ml|um|px|HU|s|GiB|MiB)\b)")
+_KEPT = "\N{NO-BREAK SPACE}"
 SIDES = {"L": "left", "R": "right", "P": "back", "A": "front", "S": "head", "I": "feet"}
 
 
@@ -98,13 +102,15 @@ def in_lines(text: str, width: float, measure: Callable[[str], float] | None = N
     --------
     >>> in_lines("a threshold of 40 is low", 12)
     ['a threshold', 'of 40 is low']
+    >>> in_lines("slices of 512 x 512, 0.7 mm", 21)
+    ['slices of 512 x 512,', '0.7 mm']
     >>> in_lines("体素体素", 5)
     ['体素', '体素']
     """
     measure = measure or letters
     lines, line = [], ""
-    for word in text.split(" "):
-        remainder = word
+    for word in _WITHIN.sub(_KEPT, text).split(" "):
+        remainder = word.replace(_KEPT, " ")
         while measure(remainder) > width:
             lines += [line] if line else []
             line = ""

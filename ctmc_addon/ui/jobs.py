@@ -22,7 +22,7 @@ import bpy
 
 from ..core import CtmcError, Step, Steps, finish
 from .needs import Needs
-from .state import session
+from .state import change_events, session
 from .translations import translate, translate_sentence
 
 Conclusion = Callable[[], str]
@@ -55,14 +55,14 @@ class Job:
     shown: str = ""
     shown_at: float = -math.inf
 
-    def advance(self, seconds: float = TICK) -> Conclusion | None:
-        """Work for about this long and return the conclusion once the work is complete.
+    def advance(self, seconds: float | None = None) -> Conclusion | None:
+        """Work for about this long, by default `TICK`, and return the conclusion once the work is complete.
 
         No step begins that would exceed the rest of the time if it took as long as the last one. The next step is shown
         before it begins, because it may take long.
         """
         now, shown = time.perf_counter(), self.step.message
-        end = now + seconds
+        end = now + (TICK if seconds is None else seconds)
         while True:
             before = now
             try:
@@ -292,19 +292,19 @@ def idle(operator: Any, _context: Any) -> bool:
 _register, _unregister = bpy.utils.register_classes_factory((CTMC_OT_cancel,))
 
 
-HANDLERS = {"load_pre": stop_running, "undo_pre": _stop_locked, "redo_pre": _stop_locked, "save_pre": _stop_locked}
+_follow, _ignore = change_events.following(
+    load_pre=stop_running, undo_pre=_stop_locked, redo_pre=_stop_locked, save_pre=_stop_locked
+)
 
 
 def register() -> None:
     """Register Cancel, and end a job before undo, saving or opening a file."""
     _register()
-    for name, handler in HANDLERS.items():
-        getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(handler))
+    _follow()
 
 
 def unregister() -> None:
     """End the job in progress and unregister everything."""
     stop_running()
-    for name, handler in HANDLERS.items():
-        getattr(bpy.app.handlers, name).remove(handler)
+    _ignore()
     _unregister()

@@ -12,6 +12,20 @@ import pytest
 from ctmc_addon.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
+HERE = Path(__file__).resolve().parent
+BY_PYTHON = ("test_arguments.py", "test_refusals.py", "test_settings.py", "test_start.py")  # argparse, imports
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Mark commands without Blender as run once: core and readers, which do their work, run with each NumPy.
+
+    How a command line is read is Python's affair too, so it is tested with each.
+    """
+    for item in items:
+        with_blender = "scene" in item.fixturenames or hasattr(item.module, "bpy")
+        if HERE in item.path.parents and not with_blender and item.path.name not in BY_PYTHON:
+            item.add_marker(pytest.mark.once)
 
 
 class Outcome:

@@ -12,7 +12,7 @@ from batches import page_content
 from meshes import read_ply
 
 from ctmc_addon import readers
-from ctmc_addon.cli.arguments import label_choices
+from ctmc_addon.cli.flags.arguments import label_choices
 from ctmc_addon.core import OutputError, ReconstructionSettings, reconstruct
 
 nrrd = pytest.importorskip("nrrd")

@@ -166,7 +166,7 @@ def test_a_file_saved_from_the_panel_holds_no_identifier(words, scene, tmp_path)
     import bpy
 
     import ctmc_addon
-    from ctmc_addon.ui.operators.surface.results import command_text
+    from ctmc_addon.ui.operators.results.results import command_text
 
     folder, values = words
     bpy.ops.wm.read_factory_settings(use_empty=True)

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from batches import states
 
-from ctmc_addon.cli.arguments import TABLES, read_settings
 from ctmc_addon.cli.batch.cases import collect
+from ctmc_addon.cli.flags.arguments import TABLES, read_settings
 from ctmc_addon.core import ReconstructionSettings
 from ctmc_addon.readers import ReadingOptions
 

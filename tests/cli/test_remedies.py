@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -340,7 +341,10 @@ def row_name(row):
 def few_samples(monkeypatch):
     """Pictures beside reconstructions are large, and how they look is not the matter."""
     if importlib.util.find_spec("bpy"):
+        from ctmc_addon.blender.figure.rendering import render
+
         monkeypatch.setattr("ctmc_addon.blender.figure.rendering.samples.DENOISED", 1)
+        monkeypatch.setattr(render, "render_figure_steps", partial(render.render_figure_steps, size=(280, 210)))
 
 
 @pytest.mark.parametrize("row", ROWS, ids=row_name)

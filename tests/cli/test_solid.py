@@ -11,10 +11,10 @@ import nibabel
 import numpy as np
 import pytest
 
-from ctmc_addon.cli import solid_flags
-from ctmc_addon.cli.arguments import Parser, UsageError
 from ctmc_addon.cli.batch import process as batch_process
 from ctmc_addon.cli.batch.cases import collect
+from ctmc_addon.cli.flags import combined, solid as solid_flags
+from ctmc_addon.cli.flags.arguments import Parser, UsageError
 from ctmc_addon.core import CtmcError, solid as solids
 from ctmc_addon.core.solid import Combination, Combining, Cut, Drain, MadeParts, Pegs, SolidRequest
 from ctmc_addon.core.surfaces.make import make_surfaces_steps
@@ -231,8 +231,8 @@ def test_a_combination_of_other_labels_is_refused(stub, refused, case, tmp_path)
 
 def test_a_name_that_an_earlier_combination_makes_may_be_combined_again():
     solid = asked("--merge", "Both=left,2", "--subtract", "rest=both,3")
-    assert solid_flags.combined_labels(solid) == ("left", 2, 3)
-    named, count = solid_flags.with_structures(solid, [1, 2, 3, 7], {1: "Left"})
+    assert combined.combined_labels(solid) == ("left", 2, 3)
+    named, count = combined.with_structures(solid, [1, 2, 3, 7], {1: "Left"})
     assert [each.of for each in named.combinations] == [("Left", "2"), ("Both", "3")]
     assert count == 2  # rest, and label 7
 
@@ -240,7 +240,7 @@ def test_a_name_that_an_earlier_combination_makes_may_be_combined_again():
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (("--merge", "a=kidney,3"), "--merge a names 'kidney', as labels 1 and 2 are called; give a number"),
+        (("--merge", "a=kidney,3"), "--merge a names 'kidney', the name of labels 1 and 2; give a number"),
         (
             ("--merge", "a=1,2", "--intersect", "b=1,3"),
             "--intersect b names '1', which an earlier combination has taken; combine liver, a",
@@ -253,7 +253,7 @@ def test_a_name_that_an_earlier_combination_makes_may_be_combined_again():
 )
 def test_a_name_that_is_not_one_structure_is_refused(words, sentence):
     with pytest.raises(CtmcError) as caught:
-        solid_flags.with_structures(asked(*words), [1, 2, 3], {1: "kidney", 2: "kidney", 3: "liver"})
+        combined.with_structures(asked(*words), [1, 2, 3], {1: "kidney", 2: "kidney", 3: "liver"})
     assert str(caught.value).startswith(sentence)
 
 
@@ -263,23 +263,23 @@ def test_a_name_that_is_not_one_structure_is_refused(words, sentence):
 )
 def test_a_structure_that_combinations_make_may_be_chosen_as_a_label(asked_labels, labels):
     solid = asked("--merge", "both=left,2", "--subtract", "rest=both,3")
-    assert solid_flags.labels_of(asked_labels, solid) == labels
+    assert combined.labels_of(asked_labels, solid) == labels
 
 
 def test_a_structure_that_a_later_combination_takes_is_no_label():
     solid = asked("--merge", "both=left,2", "--subtract", "rest=both,3")
     with pytest.raises(UsageError, match="--subtract rest takes; give --label rest"):
-        solid_flags.labels_of(["both"], solid)
+        combined.labels_of(["both"], solid)
 
 
 def test_a_combination_before_the_one_that_it_needs_says_which_to_give_first():
     solid = asked("--subtract", "rest=both,3", "--merge", "both=1,2")
-    assert solid_flags.combined_labels(solid) == (3, 1, 2)
+    assert combined.combined_labels(solid) == (3, 1, 2)
     with pytest.raises(UsageError) as caught:
-        solid_flags.with_structures(solid, [3, 1, 2], {})
+        combined.with_structures(solid, [3, 1, 2], {})
     assert str(caught.value) == "--subtract rest names 'both', which --merge both makes after it; give that one first"
     own = asked("--merge", "liver=liver,tumor", "--subtract", "rest=liver,3")
-    assert solid_flags.combined_labels(own) == ("liver", "tumor", 3)
+    assert combined.combined_labels(own) == ("liver", "tumor", 3)
 
 
 def test_opacity_knows_the_names_of_parts(stub, ctmc, case, tmp_path):

@@ -267,7 +267,7 @@ def test_volumes_that_lie_apart_are_refused_with_the_numbers():
 def test_labels_without_any_overlap_are_noted_with_their_distance():
     changes = compare_labels(balls([GROWN]), balls([GONE]))
     assert statuses(changes) == ["gone", "new"]
-    assert any("the nearest centers are 25.0 mm apart" in note for note in changes.notes)
+    assert any("the nearest centers are 25 mm apart" in note for note in changes.notes)
 
 
 def test_a_name_is_the_same_structure_whatever_its_numbers():

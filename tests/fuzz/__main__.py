@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from ctmc_addon.core import Steps
-from ctmc_addon.readers.dicom import stored
+from ctmc_addon.readers.dicom.pixels import stored
 
 from . import worker
 from .mutations import mutated
@@ -53,8 +53,8 @@ def fuzz(seconds: float, seed: int, names: list[str]) -> int:
             folder.mkdir()
             whole[name] = SEEDS[name](folder).relative_to(folder)
             look = worker.look_at(folder / whole[name])
-            if look.verdict not in ("volume", "not compared"):
-                print(f"the whole {name} is no volume: {look.verdict}, {look.text}", flush=True)
+            if look.verdict not in ("volume", "surface", "not compared"):
+                print(f"the whole {name} is not read: {look.verdict}, {look.text}", flush=True)
             elif look.verdict == "not compared":
                 print(f"no second reader compares {name}: {look.text}", flush=True)
         end = time.monotonic() + seconds
@@ -95,9 +95,13 @@ def changed(chance: random.Random, scratch: Path, whole: dict[str, Path], number
     place = scratch / f"changed{number}"
     shutil.copytree(scratch / f"whole{at}", place)
     path = place / whole[name]
-    victim = path if path.is_file() and chance.random() < 0.8 else chance.choice(sorted(place.iterdir()))
+    victim = (
+        path
+        if path.is_file() and chance.random() < 0.8
+        else chance.choice(sorted(each for each in place.rglob("*") if each.is_file()))
+    )
     victim.write_bytes(mutated(chance, victim.read_bytes()))
-    return name, victim if path.is_dir() and chance.random() < 0.2 else path
+    return name, victim if path.is_dir() and victim.parent == path and chance.random() < 0.2 else path
 
 
 def looked_at(paths: list[Path], in_process: bool) -> list[worker.Look]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Small whole DICOM files: slices, frames, a segmentation, structures and a DICOMDIR."""
+"""Small whole DICOM files: slices, frames, a segmentation, structures, a dose, a PET and a DICOMDIR."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from doses import PET, item, write_dose
 from PIL import Image
 
 from .seed_values import BYTES, VALUES, Seed
@@ -135,7 +136,6 @@ def segmentation(folder: Path) -> Path:
 def structures(folder: Path) -> Path:
     """An RTSTRUCT of one region beside its CT."""
     import pydicom
-    from pydicom.dataset import Dataset
 
     dicom(name="ct{}.dcm")(folder)
     dataset = ct_dataset(20, VALUES[0].astype(np.uint16))
@@ -144,12 +144,6 @@ def structures(folder: Path) -> Path:
     dataset.Modality, dataset.SeriesInstanceUID = "RTSTRUCT", "1.2.3.8"
     for name in ("PixelData", "Rows", "Columns", "PixelSpacing", "ImagePositionPatient", "ImageOrientationPatient"):
         delattr(dataset, name)
-
-    def item(**values: Any) -> Any:
-        made = Dataset()
-        for name, value in values.items():
-            setattr(made, name, value)
-        return made
 
     series = item(SeriesInstanceUID="1.2.3.4", ContourImageSequence=[item(ReferencedSOPInstanceUID="1.2.3.1")])
     study = item(RTReferencedSeriesSequence=[series], ReferencedSOPInstanceUID="1.2.3")
@@ -167,6 +161,38 @@ def structures(folder: Path) -> Path:
     dataset.ROIContourSequence = [item(ReferencedROINumber=1, ROIDisplayColor=[255, 0, 0], ContourSequence=contours)]
     pydicom.dcmwrite(folder / "rs.dcm", dataset, enforce_file_format=True)
     return folder / "rs.dcm"
+
+
+def dose(folder: Path) -> Path:
+    """An RTDOSE whose frames lie 2 mm apart."""
+    write_dose(folder / "dose.dcm", VALUES.astype(np.uint16), [0, 2, 4, 6])
+    return folder / "dose.dcm"
+
+
+def pet(units: str) -> Seed:
+    """A PET of FDG; values in Bq/ml are decayed to the start of the scan, counts scaled by Philips' private factor."""
+
+    def write(folder: Path) -> Path:
+        import pydicom
+
+        for number, plane in enumerate(VALUES.astype(np.uint16)):
+            dataset = ct_dataset(number, plane)
+            dataset.SOPClassUID = dataset.file_meta.MediaStorageSOPClassUID = PET
+            dataset.Modality, dataset.Units, dataset.RescaleSlope, dataset.RescaleIntercept = "PT", units, 2 + number, 0
+            dataset.SeriesDate = dataset.AcquisitionDate = "20240305"
+            dataset.SeriesTime, dataset.AcquisitionTime = "100000", f"1{number}0000"
+            dataset.CorrectedImage, dataset.DecayCorrection, dataset.PatientWeight = ["ATTN", "DECY"], "START", 70
+            dataset.FrameReferenceTime, dataset.ActualFrameDuration = 3600000 * number, 60000
+            dataset.RadiopharmaceuticalInformationSequence = [
+                item(RadiopharmaceuticalStartTime="090000.00", RadionuclideTotalDose=3.5e8, RadionuclideHalfLife=6586.2)
+            ]
+            if units == "CNTS":
+                dataset.add_new((0x7053, 0x0010), "LO", "Philips PET Private Group")
+                dataset.add_new((0x7053, 0x1000), "DS", "0.25")
+            pydicom.dcmwrite(folder / f"{number}.dcm", dataset, enforce_file_format=True)
+        return folder
+
+    return write
 
 
 def dicomdir(folder: Path) -> Path:

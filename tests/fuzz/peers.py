@@ -124,6 +124,8 @@ def peer_of(path: Path, volume: Volume) -> Peer | None:
 
 def volume_kind(path: Path) -> str:
     """Which peer reads the path; empty for none."""
+    if path.suffix == ".zarr":
+        return "zarr"
     if path.is_dir() or path.name == "DICOMDIR":
         folder = path if path.is_dir() else path.parent
         ends = {each.suffix.lower() for each in folder.iterdir()}
@@ -299,6 +301,36 @@ def by_tifffile_of_folder(path: Path, _volume: Volume) -> Peer:
     return Peer(np.concatenate([tiff_pages(each) for each in files]))
 
 
+def by_zarr(path: Path, _volume: Volume) -> Peer:
+    """The first array that an OME-Zarr names, and its scale."""
+    import zarr
+
+    group = zarr.open_group(path, mode="r")
+    about = group.attrs.get("ome", group.attrs)
+    first = about["multiscales"][0]["datasets"][0]
+    scale = first["coordinateTransformations"][0]["scale"]
+    if any(axis.get("unit") != "millimeter" for axis in about["multiscales"][0]["axes"]):
+        raise NotComparedError("zarr knows no unit")
+    return Peer(np.asarray(group[first["path"]]), None, tuple(reversed(scale)))
+
+
+def by_pydicom_of_dose(dataset: Any) -> Peer:
+    """A dose whose frames ascend evenly from its position."""
+    offsets, (x, y) = (
+        np.array(dataset.GridFrameOffsetVector, float),
+        np.array(dataset.ImageOrientationPatient, float).reshape(2, 3),
+    )
+    if offsets[0] != 0 or not np.allclose(np.diff(offsets), offsets[1]) or offsets[1] <= 0:
+        raise NotComparedError("frames of a dose in an order or at a place of their own")
+    row_mm, column_mm = (float(number) for number in dataset.PixelSpacing)
+    affine = np.eye(4)
+    affine[:3, 0], affine[:3, 1], affine[:3, 2] = x * column_mm, y * row_mm, np.cross(x, y) * offsets[1]
+    affine[:3, 3] = dataset.ImagePositionPatient
+    affine[:2] *= -1  # LPS to RAS
+    stored = dataset.pixel_array[: int(dataset.NumberOfFrames)]  # pydicom returns more where there are bytes for them.
+    return Peer(stored * float(dataset.DoseGridScaling), affine)
+
+
 def by_pydicom(path: Path, volume: Volume) -> Peer:
     """DICOM slices of one series, in order of position along the normal; frames of an enhanced one as they are."""
     import pydicom
@@ -315,6 +347,11 @@ def by_pydicom(path: Path, volume: Volume) -> Peer:
     kinds = {str(dataset.get("SeriesInstanceUID", "")) for dataset in datasets}
     if len(kinds) > 1 or volume.kind == "label":
         raise NotComparedError("several series, or labels made of segments")
+    modality = datasets[0].get("Modality") if datasets else None
+    if modality == "RTDOSE" and len(datasets) == 1:
+        return by_pydicom_of_dose(datasets[0])
+    if modality == "PT" and any(dataset.get("Units") != "BQML" for dataset in datasets):
+        raise NotComparedError("counts have a private factor for each slice")
     planes, places, scale = [], [], 0.0
     for dataset in datasets:
         if "PixelPaddingValue" in dataset or "ModalityLUTSequence" in dataset:
@@ -347,7 +384,10 @@ def by_pydicom(path: Path, volume: Volume) -> Peer:
     even = np.allclose(np.diff(along[order]), np.diff(along[order]).mean(), atol=1e-3)
     unit = math.isclose(float(x @ x), 1, abs_tol=1e-4) and math.isclose(float(y @ y), 1, abs_tol=1e-4)
     straight = unit and np.allclose(np.cross(affine[:3, 2], normal * (-1, -1, 1)), 0, atol=1e-3)
-    return Peer(np.stack([planes[number] for number in order]), affine if even and straight else None, None, scale)
+    values = np.stack([planes[number] for number in order])
+    if modality == "PT" and values.shape == volume.values.shape:  # SUVbw is activity times one factor.
+        values, scale = values * (volume.values.max() / values.max()), 0.0
+    return Peer(values, affine if even and straight else None, None, scale)
 
 
 PEERS = {
@@ -357,4 +397,5 @@ PEERS = {
     "tiff": by_tifffile,
     "tiff folder": by_tifffile_of_folder,
     "dicom": by_pydicom,
+    "zarr": by_zarr,
 }

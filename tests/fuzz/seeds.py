@@ -11,6 +11,7 @@ import nibabel
 import nrrd
 import numpy as np
 import tifffile
+import zarr_stores
 from hand_made_tiff import DEFLATE, LZW, NONE, PACKBITS, gray_page, tiff
 from PIL import Image
 
@@ -23,7 +24,9 @@ from .dicom_seeds import (
     RLE,
     dicom,
     dicomdir,
+    dose,
     enhanced_dicom,
+    pet,
     segmentation,
     structures,
 )
@@ -198,6 +201,44 @@ def flat_pair(name: str) -> Seed:
     return write
 
 
+def zarr_store(version: str) -> Seed:
+    """An OME-Zarr of two levels and several chunks."""
+
+    def write(folder: Path) -> Path:
+        return zarr_stores.save_store(folder / "ct.zarr", VALUES, version, levels=2, chunks=(2, 20, 20))
+
+    return write
+
+
+def surface(name: str) -> Seed:
+    """Triangles of a tetrahedron, as binary or text; the PLY has a polygon of four corners and a color beside them."""
+    corners = np.array([[0, 0, 0], [3, 0, 0], [0, 3, 0], [0, 0, 3]], np.float32)
+    faces = [(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)]
+
+    def write(folder: Path) -> Path:
+        if name == "text.stl":
+            facets = ("vertex {} {} {}\n".format(*corners[vertex]) for face in faces for vertex in face)
+            (folder / name).write_text("solid a\n" + "".join(facets) + "endsolid a\n")
+        elif name == "binary.stl":
+            rows = b"".join(bytes(12) + corners[list(face)].tobytes() + bytes(2) for face in faces)
+            (folder / name).write_bytes(bytes(80) + len(faces).to_bytes(4, "little") + rows)
+        else:
+            form = "ascii" if name == "text.ply" else "binary_big_endian"
+            head = f"ply\nformat {form} 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+            head += "property uchar red\nelement face 5\nproperty list uchar int vertex_indices\nend_header\n"
+            polygons = [*faces, (0, 1, 2, 3)]
+            if form == "ascii":
+                body = "".join("{} {} {} 9\n".format(*corner) for corner in corners).encode()
+                body += "".join(f"{len(each)} {' '.join(map(str, each))}\n" for each in polygons).encode()
+            else:
+                body = b"".join(corner.astype(">f4").tobytes() + b"\t" for corner in corners)
+                body += b"".join(bytes([len(each)]) + np.array(each, ">i4").tobytes() for each in polygons)
+            (folder / name).write_bytes(head.encode() + body)
+        return folder / name
+
+    return write
+
+
 def times(folder: Path) -> Path:
     """NIfTI with a fourth dimension."""
     values = np.stack([VALUES.T, VALUES.T + 1], axis=-1)
@@ -282,6 +323,12 @@ SEEDS: dict[str, Seed] = {
     "vff": vff,
     "vgi": flat_pair("ct.vgi"),
     "vol.info": flat_pair("ct.vol.info"),
+    "zarr 2": zarr_store("0.4"),
+    "zarr 3": zarr_store("0.5"),
+    "stl": surface("binary.stl"),
+    "stl text": surface("text.stl"),
+    "ply": surface("binary.ply"),
+    "ply text": surface("text.ply"),
     "png": pictures("png"),
     "png 16": pictures("png", "I;16"),
     "png palette": pictures("png", "P"),
@@ -328,6 +375,9 @@ SEEDS: dict[str, Seed] = {
     "enhanced": enhanced_dicom,
     "seg": segmentation,
     "rtstruct": structures,
+    "rtdose": dose,
+    "pet": pet("BQML"),
+    "pet counts": pet("CNTS"),
     "dicomdir": dicomdir,
     "masks": masks,
 }

@@ -19,27 +19,28 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from ctmc_addon.core import Budget, CtmcError
-from ctmc_addon.readers import read_volume
+from ctmc_addon.core import Budget, CtmcError, finish
+from ctmc_addon.readers import read_surface_steps, read_volume
+from ctmc_addon.readers.surface_files import SURFACE_SUFFIXES
 
 from .peers import disagreement
 
 MEMORY = 2 << 30  # bytes of address space
 SECONDS = 10.0
-LIBRARIES = ("imageio.v3", "nibabel", "nibabel.nifti2", "nrrd", "PIL.Image", "pydicom.pixels", "tifffile")
+LIBRARIES = ("imageio.v3", "nibabel", "nibabel.nifti2", "nrrd", "PIL.Image", "pydicom.pixels", "tifffile", "zarr")
 
 
 class Look(NamedTuple):
     """What came of reading a path."""
 
-    verdict: str  # 'volume', 'not compared', 'refused', 'differs', 'traceback', 'memory', 'hang' or 'killed'
+    verdict: str  # 'volume', 'surface', 'not compared', 'refused', 'differs', 'traceback', 'memory', 'hang' or 'killed'
     text: str  # the sentence, or what names the defect
     seconds: float = 0.0
 
     @property
     def is_defect(self) -> bool:
         """Whether the path did what no file may do."""
-        return self.verdict not in ("volume", "not compared", "refused")
+        return self.verdict not in ("volume", "surface", "not compared", "refused")
 
 
 def load_libraries() -> None:
@@ -116,6 +117,9 @@ def _read_and_leave(paths: Sequence[Path], out: int) -> None:
 def what_comes_of(path: Path) -> tuple[str, str]:
     """The verdict on a path and its text, as of `Look`."""
     try:
+        if path.suffix in SURFACE_SUFFIXES:
+            mesh = finish(read_surface_steps(path))
+            return "surface", f"{len(mesh.vertices)} vertices, {len(mesh.faces)} triangles"
         volume = read_volume(path, budget=Budget(1))
         found = disagreement(path, volume)
         if found:

@@ -23,10 +23,12 @@ def module_of(name):
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_format_is_opened_by_one_convention(name):
     module = module_of(name)
-    assert list(inspect.signature(module.open_steps).parameters) == ["path"]
     if FORMATS[name].holds in (registry.VOLUME, registry.FOLDER):
+        assert list(inspect.signature(module.open_source).parameters) == ["path"]
+        assert not inspect.isgeneratorfunction(module.open_source)
         assert not hasattr(module, "is_whole_volume")
     else:
+        assert list(inspect.signature(module.open_steps).parameters) == ["path"]
         assert list(inspect.signature(module.is_whole_volume).parameters) == ["path"]
 
 

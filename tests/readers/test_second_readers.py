@@ -30,6 +30,18 @@ def test_a_second_reader_agrees_and_finds_one_value_that_differs(tmp_path, name)
     assert disagreement(path, changed).startswith("values: 1 differ, at (1, 3, 4) ")
 
 
+@pytest.mark.parametrize("name", ["rtdose", "pet", "zarr 2", "zarr 3"])
+def test_a_second_reader_agrees_on_scaled_values_and_on_the_chunks_of_a_store(tmp_path, name):
+    if name.startswith("zarr"):
+        pytest.importorskip("zarr")
+    path = SEEDS[name](tmp_path)
+    volume = read_volume(path)
+    assert disagreement(path, volume) == ""
+    values = volume.values.copy()
+    values[1, 3, 4] = values[0].max() - values[1, 3, 4]
+    assert disagreement(path, replace(volume, reader=values)).startswith("values: 1 differ, at (1, 3, 4) ")
+
+
 @pytest.mark.parametrize("name", ["nii", "mgz", "nrrd gzip", "dicom"])
 def test_a_second_reader_finds_an_origin_that_differs(tmp_path, name):
     path = SEEDS[name](tmp_path)

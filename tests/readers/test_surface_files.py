@@ -79,9 +79,21 @@ def test_each_form_gives_the_same_pyramid(tmp_path, name, content):
     ("name", "content", "message"),
     [
         ("a.stl", b"solid x\nendsolid x\n", "a.stl has no triangles; give a surface"),
-        ("a.stl", b"\0" * 100, "a.stl is damaged or no STL; write it again"),
-        ("a.ply", binary_ply("<")[:-3], "a.ply is damaged or no PLY; write it again"),
-        ("a.ply", b"ply\nformat ascii 1.0\n", "a.ply is damaged or no PLY; write it again"),
+        ("a.stl", b"\0" * 100, "a.stl is damaged or not STL; write it again"),
+        ("a.ply", binary_ply("<")[:-3], "a.ply is damaged or not PLY; write it again"),
+        ("a.ply", b"ply\nformat ascii 1.0\n", "a.ply is damaged or not PLY; write it again"),
+        ("a.ply", ASCII_HEAD.replace("format ascii 1.0\n", "").encode(), "a.ply is damaged or not PLY; write it again"),
+        ("a.ply", ASCII_HEAD.replace("vertex 5", "vertex -5").encode(), "a.ply is damaged or not PLY; write it again"),
+        (
+            "a.ply",
+            ASCII_HEAD.replace("element face", "element edge 3\nelement face").encode() + ASCII_VERTICES.encode(),
+            "a.ply is damaged or not PLY; write it again",
+        ),
+        (
+            "a.ply",
+            ASCII_HEAD.replace("vertex_indices", "corners").encode() + (ASCII_VERTICES + SQUARE_FIRST).encode(),
+            "a.ply is damaged or not PLY; write it again",
+        ),
         (
             "a.ply",
             (ASCII_HEAD + ASCII_VERTICES.replace("4", "nan") + SQUARE_FIRST).encode(),
@@ -90,7 +102,7 @@ def test_each_form_gives_the_same_pyramid(tmp_path, name, content):
         (
             "a.ply",
             (ASCII_HEAD + ASCII_VERTICES + SQUARE_FIRST.replace("4\n", "9\n")).encode(),
-            "a.ply has faces of vertices that it lacks; write it again",
+            "a.ply has faces of missing vertices; write it again",
         ),
     ],
 )

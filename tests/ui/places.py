@@ -4,7 +4,7 @@
 import bpy
 
 from ctmc_addon.core.volume import volume_box
-from ctmc_addon.ui.state import volumes
+from ctmc_addon.ui.state.ct import volumes
 
 
 def cursor_at(*mm):

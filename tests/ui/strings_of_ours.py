@@ -18,17 +18,10 @@ import bpy
 import ctmc_addon
 from ctmc_addon.core import PRINT_MEASURES, Place, measures_in
 from ctmc_addon.ui import translations
-from ctmc_addon.ui.properties import (
-    drawing as drawing_properties,
-    figure as figure_properties,
-    maps as map_properties,
-    preferences,
-    settings as properties,
-    solid as solid_properties,
-    structures,
-    studio as studio_properties,
-    view as view_properties,
-)
+from ctmc_addon.ui.properties import drawing as drawing_properties, maps as map_properties, preferences
+from ctmc_addon.ui.properties.ct import view as view_properties
+from ctmc_addon.ui.properties.render import figure as figure_properties, studio as studio_properties
+from ctmc_addon.ui.properties.surface import settings as properties, solid as solid_properties, structures
 
 PACKAGE = Path(ctmc_addon.__file__).parent
 # Calls that show their first argument, or the argument of this name.

@@ -7,7 +7,8 @@ import bpy
 
 from ctmc_addon.core.volume import volume_box
 from ctmc_addon.ui.properties.drawing import points_of
-from ctmc_addon.ui.state import drawings, masks, volumes
+from ctmc_addon.ui.state.ct import volumes
+from ctmc_addon.ui.state.draw import drawings, masks
 
 
 def middle():

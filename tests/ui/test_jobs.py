@@ -86,7 +86,7 @@ def context(scene, monkeypatch):
         "bpy",
         SimpleNamespace(app=SimpleNamespace(background=False), context=found, data=bpy.data, types=bpy.types),
     )
-    monkeypatch.setattr(jobs.Job.advance, "__defaults__", (0.0,))  # every step its own tick
+    monkeypatch.setattr(jobs, "TICK", 0.0)  # every step its own tick
     monkeypatch.setattr(session, "redraw_panels", lambda: None)
     monkeypatch.setattr(session, "redraw_viewports", lambda: None)
     yield found
@@ -275,7 +275,7 @@ def test_saving_ends_a_job_that_keeps_things_in_the_file_and_no_other(context, t
 
 
 def test_a_file_saved_during_a_rotation_test_has_none_of_its_levels(context, ball_file, tmp_path):
-    from ctmc_addon.ui.operators import rotation as rotation_test
+    from ctmc_addon.ui.operators.render import rotation as rotation_test
 
     bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
     context.scene.ctmc.threshold = 100.0

@@ -10,9 +10,11 @@ bpy = pytest.importorskip("bpy")
 from ui.drawing import drawn
 
 from ctmc_addon.blender.shape_change import shape_change
-from ctmc_addon.ui.panels.results import CTMC_PT_results
-from ctmc_addon.ui.state import measurements
-from ctmc_addon.ui.viewport import live, slice_objects
+from ctmc_addon.ui.panels.draw import CTMC_PT_draw
+from ctmc_addon.ui.panels.results.page import CTMC_PT_results
+from ctmc_addon.ui.state.results import measurements
+from ctmc_addon.ui.viewport.ct import slice_objects
+from ctmc_addon.ui.viewport.surface import live
 
 MODES = ("EDIT", "SCULPT", "VERTEX_PAINT", "WEIGHT_PAINT", "TEXTURE_PAINT")
 
@@ -67,6 +69,20 @@ def test_a_copy_that_shares_a_mesh_in_edit_mode_breaks_nothing(surface):
     assert other.mode == "OBJECT"
     assert measurements.of(other) is None
     assert shape_change(other).factors == pytest.approx((1.0, 1.0, 1.0), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("mode", "text"), [("EDIT", "Leave Edit Mode first"), ("SCULPT", "Switch to Object Mode first")]
+)
+def test_the_page_draw_says_why_its_buttons_are_gray(surface, mode, text):
+    hint = "draw with the brush"  # The end of the usual one.
+    assert hint in drawn(CTMC_PT_draw).texts
+    bpy.ops.object.mode_set(mode=mode)
+    texts = drawn(CTMC_PT_draw).texts
+    assert text in texts
+    assert hint not in texts
+    with pytest.raises(RuntimeError, match=text):
+        bpy.ops.ctmc.draw_add()
 
 
 def test_results_ask_to_leave_edit_mode_and_return_afterwards(surface):

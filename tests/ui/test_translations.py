@@ -99,3 +99,40 @@ def test_a_sentence_begins_with_a_capital_unless_it_begins_with_a_name():
     assert translations.translate_sentence(filled)[0].isupper()
     assert translations.translate_sentence("a {b} c is in Edit Mode; leave it first").startswith("a {b} c")
     assert translations.translate_sentence("nobody has said this") == "nobody has said this"
+
+
+def notes_of_the_sources():
+    """Every sentence that CTs and surfaces add to their notes, as a pattern in which anything may stand for a value."""
+    from ui.strings_of_ours import name_of, nodes
+
+    rooms = ("maps", "simplification", "smoothing", "solid", "surfaces", "volume")
+    for node in nodes("readers", *(f"core/{room}" for room in rooms)):
+        if isinstance(node, ast.Call) and name_of(node.func) == "append":
+            shown = node if "notes" in ast.unparse(node.func) else None
+        elif isinstance(node, ast.AugAssign):
+            shown = node.value if "notes" in ast.unparse(node.target) else None
+        else:
+            shown = node.value if isinstance(node, ast.keyword) and node.arg == "notes" else None
+        if shown is not None:
+            yield from patterns_in(shown)
+
+
+def patterns_in(node):
+    """The whole strings in an expression, as patterns."""
+    if isinstance(node, ast.JoinedStr):
+        yield "".join(re.escape(p.value) if isinstance(p, ast.Constant) else ".*" for p in node.values)
+    elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+        yield re.escape(node.value)
+    else:
+        for child in ast.iter_child_nodes(node):
+            yield from patterns_in(child)
+
+
+@pytest.mark.once
+@pytest.mark.parametrize("name", translations.LOCALES)
+def test_every_note_is_translated(name):
+    keys = list(translations.table(name))
+    notes = sorted({note for note in notes_of_the_sources() if note.count("\\ ") > 2})
+    assert len(notes) > 40
+    lost = [note for note in notes if not any(re.fullmatch(note, key, re.DOTALL) for key in keys)]
+    assert lost == []

@@ -25,10 +25,22 @@ WIDTH, HEIGHT = 1200, 1200
 LIMIT = 120.0  # seconds; a busy machine may need many
 LOOK_AGAIN = 0.002  # seconds between two looks for an answer
 DRAG_STEPS = 6
-SCAN = 16  # pixels; buttons are at least 22 high
+SCAN = 20  # pixels; buttons are at least 22 high
 NOTCHES = 20  # clicks of the wheel from one look at the sidebar to the next
 LOOKS = 5
 PAGES = ("CT", "SURFACE", "DRAW", "RESULTS", "RENDER")
+# Buttons that are on one page alone: to go over another page with the mouse takes a second of drawing.
+PAGE_OF = {
+    **{f"bpy.ops.ctmc.{name}": "SURFACE" for name in ("histogram", "reconstruct", "simplify", "add_threshold")},
+    **{f"bpy.ops.ctmc.{name}": "SURFACE" for name in ("drain_add", "solid_reset")},
+    **{"ctmc.goal": "SURFACE", "ctmc.ratio": "SURFACE", "bpy.ops.ctmc.quad_view": "DRAW"},
+    **{
+        f"bpy.ops.ctmc.{name}": "RESULTS"
+        for name in ("pick_component", "export", "remove_small", "map_show", "cut_away")
+    },
+    **{f"bpy.ops.ctmc.{name}": "RENDER" for name in ("rotation_test", "rotation_save", "render")},
+    **{"ctmc.rotation_kind": "RENDER", "ctmc_figure.kind": "RENDER"},
+}
 FIELDS = 0.65  # of the sidebar's width, where most fields and buttons are
 
 
@@ -249,8 +261,8 @@ class Desk:
         """Where a button of the tab is, with the mouse on it: a property's path or an operator's call.
 
         Blender says what is under the mouse. It looks where the button was, then beside what was found before it, then
-        goes over the sidebar at this share of its width: the page that is shown, the one on which the button was last,
-        with the wheel too, all others; then each of them with the wheel.
+        goes over the sidebar at this share of its width: the button's own page if another is shown, the page that is
+        shown, the one on which the button was last, with the wheel too, all others; then each of them with the wheel.
         """
         x, top, height = self.across(at)
         for y in (self.places.get(button), self.row):
@@ -258,9 +270,10 @@ class Desk:
                 self.row = y
                 return x, y
         shown = self.ask("answer = bpy.context.window_manager.ctmc_page")
-        page, turned, near = self.seen.get(button, (shown, self.turned, None))
-        looks = [(shown, self.turned), (page, turned)]
-        looks += [(page, further) for further in range(LOOKS) if button in self.seen]
+        own = PAGE_OF.get(button.partition("(")[0], shown)
+        page, turned, near = self.seen.get(button, (own, 0, None) if own != shown else (shown, self.turned, None))
+        looks = [(shown, self.turned), (page, turned)] if own == shown else [(page, turned)]
+        looks += [(page, further) for further in range(LOOKS) if button in self.seen or own != shown]
         looks += [(each, 0) for each in (shown, *PAGES)]
         looks += [(each, further) for each in (shown, *PAGES) for further in range(1, LOOKS)]
         for look in dict.fromkeys(looks):

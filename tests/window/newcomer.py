@@ -42,8 +42,8 @@ RENDERED = (
 )
 SHOWN = "answer = bpy.context.window_manager.ctmc_page"
 BACK = "any(area.type == 'VIEW_3D' for area in bpy.context.window_manager.windows[0].screen.areas)"
-FIRST_SURFACE = "next(o for o in bpy.data.objects if ours('ui.state.surfaces').is_surface(o))"
-SURFACE = "ours('ui.state.surfaces').active_surface(bpy.context)"
+FIRST_SURFACE = "next(o for o in bpy.data.objects if ours('ui.state.results.surfaces').is_surface(o))"
+SURFACE = "ours('ui.state.results.surfaces').active_surface(bpy.context)"
 
 
 class Newcomer:

@@ -6,13 +6,13 @@ from __future__ import annotations
 from window.desk import Desk
 
 IDLE = "ours('ui.jobs').running() is None"
-QUIET = "ours('ui.viewport.live').live.changed is None"
-LOADED = "ours('ui.state.volumes').current(bpy.context.scene) is not None"
+QUIET = "ours('ui.viewport.surface.live').live.changed is None"
+LOADED = "ours('ui.state.ct.volumes').current(bpy.context.scene) is not None"
 PRESSES = 20  # of Enter: Blender loses them while it reads a folder of many files
 # Where the corners of the CT's box are on the screen: lowest and highest x and y, and those of what is free to see.
 SEEN = """
 view = viewport()
-volume = ours("ui.state.volumes").current(bpy.context.scene)
+volume = ours("ui.state.ct.volumes").current(bpy.context.scene)
 corners = [on_screen(corner * 0.01) for corner in ours("core.volume").volume_box(volume)]
 xs, ys = zip(*corners)
 top = view.window.height - view.region.y - view.region.height

@@ -28,7 +28,7 @@ SUITE = "sid"
 SCAN = 10  # pixels between two looks at what is under the mouse
 SIZE = (1300, 1400)  # a window so high that every page is seen whole, with its folds open
 COLORS = 192  # of a picture, to keep the file small
-BELOW, FOLDS = 36, 160  # pixels below the last button of a page, and where a note and closed folds follow it
+BELOW, FOLDS = 36, 256  # pixels below the last button of a page; numbers of a map and closed folds follow it
 VIEW = 560  # pixels of the viewport beside the sidebar
 DISTANCE = 9.0  # of the eye
 TUMOR = (40.5, 14.8, 2.8)  # of the phantom, mm
@@ -37,10 +37,10 @@ MOST_BYTES = 400_000  # a render is the largest: its noise does not compress
 LIMIT = 900.0  # seconds of a render, or of 45 pictures of a patient's bone, without a graphics card
 IDLE = "ours('ui.jobs').running() is None"
 COUNTED = "ours('ui.state.session').of(bpy.context.scene).cost is not None"
-QUIET = "ours('ui.viewport.live').live.changed is None"
+QUIET = "ours('ui.viewport.surface.live').live.changed is None"
 SCENE = """
 bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes, *bpy.data.materials])
-open_fold("rotation", "figure")
+open_fold("maps", "rotation", "figure")
 space = viewport().space
 space.show_region_ui, space.overlay.show_floor, space.overlay.show_cursor = True, False, False
 space.overlay.show_axis_x = space.overlay.show_axis_y = space.show_gizmo = space.show_region_toolbar = False
@@ -55,7 +55,7 @@ about.view_rotation = Euler(({tilt}, 0, 2.75)).to_quaternion()
 about.view_location = (0.0, 0.0, 0.0)
 about.update()
 right, up = (about.view_rotation @ Vector(axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
-middle = sum(ours("core.volume").volume_box(ours("ui.state.volumes").current(bpy.context.scene))) / 8 * 0.01
+middle = sum(ours("core.volume").volume_box(ours("ui.state.ct.volumes").current(bpy.context.scene))) / 8 * 0.01
 (x, y), (u, _) = on_screen(middle), on_screen(middle + right)
 about.view_location = right * ((x - {x}) / (u - x)) + up * (({y} - y) / (u - x))
 """
@@ -74,7 +74,7 @@ job.advance = lambda: None if job.step.fraction > 0.6 else go_on()
 ALONE = """
 scene = bpy.context.scene
 bpy.data.batch_remove(list(bpy.data.meshes))
-heights = ours("core.volume").volume_box(ours("ui.state.volumes").current(scene))[:, 2]
+heights = ours("core.volume").volume_box(ours("ui.state.ct.volumes").current(scene))[:, 2]
 scene.ctmc_view.show_slice, scene.ctmc_view.plane = True, "axial"
 scene.ctmc_view.position = ({height} - heights.min()) / (heights.max() - heights.min())
 """

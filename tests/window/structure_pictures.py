@@ -142,7 +142,7 @@ scene, space = bpy.context.scene, viewport().space
 space.overlay.show_floor = space.overlay.show_axis_x = space.overlay.show_axis_y = space.overlay.show_cursor = False
 space.overlay.show_text = space.overlay.show_object_origins = space.show_gizmo = False
 space.region_3d.view_perspective = "ORTHO"
-volume = ours("ui.state.volumes").current(scene)
+volume = ours("ui.state.ct.volumes").current(scene)
 scene.ctmc_view.show_slice, scene.ctmc_view.plane = True, {plane!r}
 scene.ctmc_view.position = ours("core.volume").position_through(volume, {plane!r}, {at})
 scene.ctmc.preview = True
@@ -153,7 +153,7 @@ with bpy.context.temp_override(window=view.window, area=view.area, region=view.r
 SHOWN = "answer = bpy.context.window_manager.ctmc_page"
 PROCESSOR = "import time; answer = time.process_time()"
 VOLUME = """
-scene, drawings, masks = bpy.context.scene, ours("ui.state.drawings"), ours("ui.state.masks")
+scene, drawings, masks = bpy.context.scene, ours("ui.state.draw.drawings"), ours("ui.state.draw.masks")
 answer = masks.mm3_of(scene, next(drawings.structures(scene))) / 1000
 """
 # From the patient's front and head, turned about the patient's axis; the surface in the middle.
@@ -169,7 +169,7 @@ for obj in bpy.context.selected_objects:
 about.view_rotation = Euler((1.05, 0, {turn})).to_quaternion()
 about.view_location = sum(corners, Vector()) / len(corners)
 about.view_distance = {distance}
-scene, volume = bpy.context.scene, ours("ui.state.volumes").current(bpy.context.scene)
+scene, volume = bpy.context.scene, ours("ui.state.ct.volumes").current(bpy.context.scene)
 scene.ctmc_view.plane = {shown!r}
 scene.ctmc_view.position = ours("core.volume").position_through(volume, {shown!r}, {at})
 view.space.show_region_ui = view.space.show_region_toolbar = False

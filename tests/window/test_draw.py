@@ -16,7 +16,7 @@ scene, view = bpy.context.scene, viewport()
 scene.ctmc_view.plane, scene.ctmc_draw.radius_mm = "axial", 12.0
 with bpy.context.temp_override(window=view.window, area=view.area, region=view.region):
     bpy.ops.ctmc.view(side="S")
-core, volume = ours("core.volume"), ours("ui.state.volumes").current(scene)
+core, volume = ours("core.volume"), ours("ui.state.ct.volumes").current(scene)
 corners = core.slice_corners(volume, core.slice_at(volume, "axial", scene.ctmc_view.position)) * 0.01
 bpy.ops.ed.undo_push(message="Begin")
 answer = [corners.mean(axis=0).tolist(), (corners.max(axis=0) - corners.min(axis=0)).tolist()]
@@ -28,7 +28,7 @@ with bpy.context.temp_override(window=view.window, area=view.area, region=view.r
 """
 # How many voxels the active structure has; -1 without one.
 VOXELS = """
-scene, drawings, masks = bpy.context.scene, ours("ui.state.drawings"), ours("ui.state.masks")
+scene, drawings, masks = bpy.context.scene, ours("ui.state.draw.drawings"), ours("ui.state.draw.masks")
 item = drawings.active(scene)
 answer = -1 if item is None else int(masks.of(scene, item).mask.sum())
 """

@@ -24,14 +24,14 @@ scene.ctmc_view.plane, scene.ctmc_draw.radius_mm = "axial", 12.0
 with bpy.context.temp_override(window=view.window, area=view.area, region=view.region):
     bpy.ops.ctmc.view(side="S")
     bpy.ops.ctmc.draw_tool(tool="ctmc.brush")
-core, volume = ours("core.volume"), ours("ui.state.volumes").current(scene)
+core, volume = ours("core.volume"), ours("ui.state.ct.volumes").current(scene)
 corners = core.slice_corners(volume, core.slice_at(volume, "axial", scene.ctmc_view.position)) * 0.01
 middle, size = corners.mean(axis=0), corners.max(axis=0) - corners.min(axis=0)
 answer = [[round(v) for v in on_screen(middle + size * (right, {front}, 0.0))] for right in (-0.1, 0.1)]
 """
 # Voxels of each structure on the panel's CT.
 VOXELS = """
-scene, drawings, masks = bpy.context.scene, ours("ui.state.drawings"), ours("ui.state.masks")
+scene, drawings, masks = bpy.context.scene, ours("ui.state.draw.drawings"), ours("ui.state.draw.masks")
 answer = [int(masks.of(scene, item).mask.sum()) for item in drawings.structures(scene)]
 """
 ACTIVATE = """
@@ -81,7 +81,7 @@ def drawn(desk):
     voxels = {}
     for path, options in ((CT, {}), (OTHER, {"spacing": (2.0, 2.0, 3.0)})):
         load(desk, f"{desk.inside}/{path}", **options)
-        voxels[desk.ask("answer = ours('ui.state.volumes').current(bpy.context.scene).name")] = draw(desk)
+        voxels[desk.ask("answer = ours('ui.state.ct.volumes').current(bpy.context.scene).name")] = draw(desk)
     return voxels
 
 
@@ -89,7 +89,7 @@ def test_each_ct_keeps_its_drawing_while_the_other_is_the_panels(desk, drawn):
     assert len({*drawn.values()}) == 2
     for name, voxels in drawn.items():
         desk.ask(ACTIVATE.format(name))
-        desk.wait(f"ours('ui.state.volumes').current(bpy.context.scene).name == {name!r}")
+        desk.wait(f"ours('ui.state.ct.volumes').current(bpy.context.scene).name == {name!r}")
         assert desk.ask(VOXELS) == [voxels]
         desk.look(f"files-01-{name}")
 
@@ -119,13 +119,13 @@ def test_both_drawings_are_saved_beside_the_blend_and_found_when_it_is_opened_ag
     assert len(beside) == 2
     for name, file in zip(sorted(drawn), sorted(beside), strict=True):
         assert re.fullmatch(rf"case Scene {re.escape(name)} \w{{4}} drawn\.seg\.nrrd", file)
-    desk.ask("ours('ui.state.volumes')._loaded.clear()")  # as in a Blender that was just opened
+    desk.ask("ours('ui.state.ct.volumes')._loaded.clear()")  # as in a Blender that was just opened
     open_file(desk, "open_mainfile", f"{desk.inside}/kept/case.blend")
     last = list(drawn)[-1]
     assert load_again(desk) == [drawn[last]]
     (first,) = set(drawn) - {last}
     desk.ask(ACTIVATE.format(first))
-    desk.wait("ours('ui.state.volumes').missing(bpy.context.scene)")
+    desk.wait("ours('ui.state.ct.volumes').missing(bpy.context.scene)")
     desk.places.clear()
     assert load_again(desk) == [drawn[first]]
     desk.look("files-03-opened")

@@ -12,10 +12,10 @@ CT = "volume-0.nii.gz"
 BUTTON = "bpy.ops.ctmc.histogram()"
 ICON = 0.85  # of the sidebar's width, where the button is
 LIMITS = "s = bpy.context.scene.ctmc; answer = [s.threshold, s.upper if s.use_upper else None]"
-IS_OPEN = "ours('ui.viewport.histogram').current() is not None"
+IS_OPEN = "ours('ui.viewport.surface.histogram').current() is not None"
 # Pixels of values on the screen, from the window's top left: x of each, and y of the bars' middle.
 PLACES = """
-view, module = viewport(), ours("ui.viewport.histogram")
+view, module = viewport(), ours("ui.viewport.surface.histogram")
 strip = module.strip_of(view.area, bpy.context.scene)
 y = view.window.height - 1 - view.region.y - round((strip.bottom + strip.top) / 2)
 answer = [round(view.region.x + strip.x_of(value)) for value in {values}] + [y]
@@ -40,7 +40,7 @@ def loaded(desk):
 
 def test_a_line_follows_the_mouse_and_the_preview_follows_the_line(desk):
     desk.look("histogram-01-open")
-    before = desk.ask("answer = len(ours('ui.viewport.preview').state.shown.surface.faces)")
+    before = desk.ask("answer = len(ours('ui.viewport.surface.preview').state.shown.surface.faces)")
     start, end = places(desk, 200, 450)
     desk.drag(start, end)
     threshold, upper = desk.ask(LIMITS)
@@ -48,7 +48,7 @@ def test_a_line_follows_the_mouse_and_the_preview_follows_the_line(desk):
     assert upper is None
     desk.wait(QUIET)
     desk.look("histogram-02-dragged")
-    assert desk.ask("answer = len(ours('ui.viewport.preview').state.shown.surface.faces)") != before
+    assert desk.ask("answer = len(ours('ui.viewport.surface.preview').state.shown.surface.faces)") != before
 
 
 def test_a_drag_is_one_undo_step(desk):

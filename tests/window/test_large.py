@@ -14,7 +14,7 @@ pytestmark = [pytest.mark.window, pytest.mark.once]
 SHAPE, MIDDLE, RADIUS = (280, 768, 768), (140, 384, 384), 60
 PREFERENCES = "bpy.context.preferences.addons[ours('ui.properties.preferences').ADDON].preferences"
 SHOWN = """
-ct = ours("ui.state.volumes").loaded(bpy.context.scene)
+ct = ours("ui.state.ct.volumes").loaded(bpy.context.scene)
 answer = [list(ct.shown_stride), list(ct.full.size), list(ct.volume.size)]
 """
 

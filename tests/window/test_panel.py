@@ -18,7 +18,7 @@ with bpy.context.temp_override(window=view.window, area=view.area, region=view.r
 """
 RED_HERE = """
 import importlib
-preview = ours("ui.viewport.preview")
+preview = ours("ui.viewport.surface.preview")
 window, view = viewport().window, viewport()
 with bpy.context.temp_override(window=window, area=view.area, region=view.region):
     answer = preview.state.shown is not None and not preview.is_made(bpy.context)
@@ -72,7 +72,7 @@ def test_close_border_stands_in_results_and_closes(desk, ct):
     desk.press("bpy.ops.ctmc.close_border()", "close_border")
     desk.wait(f"{IDLE} and bpy.context.scene.ctmc.close_border")
     desk.look("panel-04-closed")
-    measured = "ours('ui.state.measurements').of(bpy.data.objects['Bone 200 HU']).measures.closed"
+    measured = "ours('ui.state.results.measurements').of(bpy.data.objects['Bone 200 HU']).measures.closed"
     assert desk.ask(f"answer = {measured}")
 
 

@@ -89,11 +89,11 @@ def test_series_are_told_apart_by_what_the_scanner_says_and_their_words_stay_on_
     desk.look("patient-02-dropdown")
     desk.click(x, y + 2 * ROW)
     desk.look("patient-02-chosen")
-    desk.wait(f"{IDLE} and ours('ui.state.volumes').loaded(bpy.context.scene).series_number == 1")
+    desk.wait(f"{IDLE} and ours('ui.state.ct.volumes').loaded(bpy.context.scene).series_number == 1")
     desk.wait(QUIET)
     desk.look("patient-03-first")
     written = desk.ask("""
-loaded = ours("ui.state.volumes").loaded(bpy.context.scene)
+loaded = ours("ui.state.ct.volumes").loaded(bpy.context.scene)
 blocks = [block.name for kind in (bpy.data.objects, bpy.data.collections, bpy.data.meshes) for block in kind]
 answer = [loaded.volume.name, *loaded.volume.notes, *blocks]
 """)

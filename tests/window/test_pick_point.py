@@ -13,7 +13,7 @@ SLICES = "{obj['ctmc_slice_plane']: list(obj.location) for obj in bpy.data.objec
 # The axial slice of three stands in front, seen from the head.
 THREE = """
 bpy.context.preferences.view.smooth_view = 0
-volume = ours("ui.state.volumes").current(bpy.context.scene)
+volume = ours("ui.state.ct.volumes").current(bpy.context.scene)
 box = ours("core.volume").volume_box(volume) * 0.01
 bpy.context.scene.cursor.location = (box[0] + box[7]) / 2
 bpy.ops.ctmc.add_slice(three=True)
@@ -28,7 +28,7 @@ answer = [list(middle), list(box[7] - box[0])]
 # What the status bar is told.
 HEAR = """
 said = bpy.app.driver_namespace.setdefault("said", [])
-pick = ours("ui.operators.scene.pick_point").CTMC_OT_pick_point
+pick = ours("ui.operators.ct.pick_point").CTMC_OT_pick_point
 if "heard" not in bpy.app.driver_namespace:
     bpy.app.driver_namespace["heard"] = plain = pick.say
     pick.say = lambda self, context, text: (said.append(text), plain(self, context, text))[1]

@@ -21,7 +21,7 @@ VIEWS = """
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Vector
 view, answer = viewport(), {}
-volume = ours("ui.state.volumes").current(bpy.context.scene)
+volume = ours("ui.state.ct.volumes").current(bpy.context.scene)
 corners = ours("core.volume").volume_box(volume) * 0.01
 planes = {obj["ctmc_slice_plane"]: obj.location for obj in bpy.data.objects if "ctmc_slice_plane" in obj}
 bars = [region for region in view.area.regions if region.type in ("UI", "TOOLS")]
@@ -102,7 +102,7 @@ for region in (region for region in view.area.regions if region.type == "WINDOW"
     answer[plane] = [round(region.x + at.x) + 40, round(view.window.height - 1 - region.y - at.y)]
 """
 VOXELS = """
-scene, drawings, masks = bpy.context.scene, ours("ui.state.drawings"), ours("ui.state.masks")
+scene, drawings, masks = bpy.context.scene, ours("ui.state.draw.drawings"), ours("ui.state.draw.masks")
 answer = sum(int(masks.of(scene, item).mask.sum()) for item in drawings.structures(scene))
 """
 TAKE = """

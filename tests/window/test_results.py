@@ -15,8 +15,8 @@ MAKE, LOAD = "bpy.ops.ctmc.reconstruct()", "bpy.ops.ctmc.load()"
 # What Results says, and what Blender itself finds: triangles, components, ml.
 RESULTS = """
 import bmesh
-obj, results = bpy.context.view_layer.objects.active, ours("ui.panels.results")
-measured = ours("ui.state.measurements").of(obj)
+obj, results = bpy.context.view_layer.objects.active, ours("ui.panels.results.page")
+measured = ours("ui.state.results.measurements").of(obj)
 assert measured is not None, "not measured"
 facts = dict(results.facts_of(ours("blender.surface").read_provenance(obj), measured, "HU"))
 mesh, components = bmesh.new(), 0

@@ -78,7 +78,7 @@ def test_breaking_off_leaves_nothing(desk, how):
     else:
         click(desk, 0.0, 1.0, "3")
     assert desk.ask(COUNT) == before
-    assert desk.ask("answer = len(ours('ui.viewport.rulers').pending.world_points)") == 0
+    assert desk.ask("answer = len(ours('ui.viewport.results.rulers').pending.world_points)") == 0
 
 
 def test_undo_takes_a_distance_back(desk):

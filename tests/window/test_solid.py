@@ -16,7 +16,7 @@ PARTS = "answer = sorted(o.name for o in bpy.data.objects if o.type == 'MESH')"
 CUT_COLOR = (242, 115, 26)
 # The cursor in the middle of the ball, and a cut across an axis there.
 CUT = """
-corners = ours("core.volume").volume_box(ours("ui.state.volumes").current(bpy.context.scene))
+corners = ours("core.volume").volume_box(ours("ui.state.ct.volumes").current(bpy.context.scene))
 bpy.context.scene.cursor.location = corners.mean(axis=0) * 0.01
 bpy.ops.ctmc.cut_add(direction={axis!r})
 """
@@ -46,7 +46,7 @@ about.view_rotation = Euler((1.2, 0, 2.6)).to_quaternion()
 # Where the handles of the first cut are: the head of the arrow, and the ring before it.
 HANDLES = """
 from mathutils import Vector
-handles, scene = ours("ui.viewport.solid_handles"), bpy.context.scene
+handles, scene = ours("ui.viewport.surface.solid_handles"), bpy.context.scene
 middle, unit = Vector(handles.middle_of(scene, 0) * 0.01), Vector(scene.ctmc_solid.cuts[0].normal)
 (x, y), (u, v) = on_screen(middle), on_screen(middle + unit)
 length = ((u - x) ** 2 + (v - y) ** 2) ** 0.5
@@ -69,8 +69,8 @@ def test_cuts_pegs_and_drains_are_seen_in_the_viewport(desk):
     desk.ask("s = bpy.context.scene.ctmc_solid; s.use_pegs = True; s.hollow = 6; s.peg_diameter = 2; s.peg_length = 3")
     desk.press("bpy.ops.ctmc.drain_add()", "drain_add", 0.3)
     assert desk.ask("answer = len(bpy.context.scene.ctmc_solid.drains)") == 1
-    desk.wait("not ours('ui.viewport.solid_places').is_looking(bpy.context.scene)")
-    outline = "outline = ours('ui.viewport.solid').outline_of(bpy.context.scene)"
+    desk.wait("not ours('ui.viewport.surface.solid_places').is_looking(bpy.context.scene)")
+    outline = "outline = ours('ui.viewport.surface.solid').outline_of(bpy.context.scene)"
     assert desk.ask(f"{outline}; answer = [len(outline.pegs), len(outline.drains)]") == [2, 1]
     desk.look("solid-03-pegs-and-drain")
     desk.show("RESULTS")

@@ -36,7 +36,7 @@ TABLE = "ours('ui.state.session').of(bpy.context.scene).rotation"
 FROM_ABOVE = """
 from mathutils import Quaternion, Vector
 view = viewport()
-corners = ours("core.volume").volume_box(ours("ui.state.volumes").current(bpy.context.scene)) * 0.01
+corners = ours("core.volume").volume_box(ours("ui.state.ct.volumes").current(bpy.context.scene)) * 0.01
 about = view.space.region_3d
 about.view_perspective = "ORTHO"
 about.view_rotation = Quaternion((1, 0, 0, 0))
@@ -54,7 +54,7 @@ about.view_distance = 7.5
 # Gray and tinted patches of the slice: where they are on the screen, and the colors they must have.
 PATCHES = """
 import numpy as np
-slicing, volume = ours("core.volume"), ours("ui.state.volumes").current(bpy.context.scene)
+slicing, volume = ours("core.volume"), ours("ui.state.ct.volumes").current(bpy.context.scene)
 view, settings = bpy.context.scene.ctmc_view, bpy.context.scene.ctmc
 place = slicing.slice_at(volume, view.plane, view.position)
 colors = slicing.windowed(slicing.slice_values(volume, place), view.window, view.level, settings.threshold)
@@ -98,7 +98,7 @@ def test_a_ct_loads_and_its_slice_can_be_moved(desk):
     desk.ask("bpy.context.scene.ctmc.threshold = 200; bpy.context.scene.ctmc.preview = False")
     desk.ask(FROM_ABOVE)
     desk.look("02-loaded")
-    assert desk.ask("answer = ours('ui.state.volumes').current(bpy.context.scene).size") == [512, 512, 29]
+    assert desk.ask("answer = ours('ui.state.ct.volumes').current(bpy.context.scene).size") == [512, 512, 29]
     assert desk.find(POSITION)
 
 
@@ -141,7 +141,7 @@ def test_a_handle_moves_one_face_of_the_region(desk):
     before = desk.look("06-region") and desk.ask("answer = list(bpy.context.scene.ctmc.region)")
     # The head of the arrow on the side of the lowest x, which is the patient's right.
     x, y = desk.ask("""
-side = ours("ui.viewport.region").current_face(0)
+side = ours("ui.viewport.surface.region").current_face(0)
 middle = side.base + side.direction * side.offset()
 (x, y), (u, v) = on_screen(middle), on_screen(middle + side.direction)
 length = ((u - x) ** 2 + (v - y) ** 2) ** 0.5
@@ -179,7 +179,9 @@ def test_a_finished_surface_is_one_step_to_undo_and_to_redo(desk):
     desk.key("ctrl+shift+z")
     desk.look("10-redone")
     assert desk.ask(STATE) == state
-    assert desk.ask("answer = ours('ui.state.volumes').current(bpy.context.scene) is not None"), "the CT is still there"
+    assert desk.ask("answer = ours('ui.state.ct.volumes').current(bpy.context.scene) is not None"), (
+        "the CT is still there"
+    )
 
 
 def test_esc_half_way_leaves_the_scene_as_it_was(desk):

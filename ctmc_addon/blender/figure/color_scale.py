@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ...core import UNITS, Unit, unit_of
+from ...core import Unit, fitting_unit
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,7 @@ class ColorScale:
     @property
     def shown_unit(self) -> Unit:
         """Return the unit of the bar."""
-        largest = max(map(abs, self.range))
-        return unit_of(largest, self.unit) if self.unit in UNITS else Unit(self.unit, 1.0, 0.0)
+        return fitting_unit(self.range, self.unit)
 
     @property
     def heading(self) -> str:

@@ -19,9 +19,9 @@ def style_with_map(style: FigureStyle, results: Sequence[Reconstruction], name: 
     ----------
     style : FigureStyle
     results : sequence of Reconstruction
-        With maps; objects that are made of them have those too.
+        Surfaces with maps; objects made from them have the maps too.
     name : str
-        Of the map; by default the first.
+        Name of the map; by default the first.
 
     Raises
     ------
@@ -49,19 +49,19 @@ def scale_of(maps: Sequence[SurfaceMap | StoredMap]) -> ColorScale:
     Parameters
     ----------
     maps : sequence of SurfaceMap or StoredMap
-        Of one name.
+        Maps with the same name.
     """
     first = maps[0]
     low, high = first.range
-    known = [each.statistics for each in maps if each.statistics.minimum is not None]
+    finite = [each.statistics for each in maps if each.statistics.minimum is not None]
     return ColorScale(
         name=first.name,
         title=title_of(first.name, first.unit),
         unit=first.unit,
         range=first.range,
         ramp=first.ramp,
-        below=any(each.minimum is not None and each.minimum < low for each in known),
-        above=any(each.maximum is not None and each.maximum > high for each in known),
+        below=any(each.minimum is not None and each.minimum < low for each in finite),
+        above=any(each.maximum is not None and each.maximum > high for each in finite),
         gaps=any(each.statistics.share_without > 0 for each in maps),
     )
 

@@ -42,8 +42,8 @@ def open_shared_walls_steps(cell: Cell, copies: Sequence[bpy.types.Object]) -> S
         on_wall = np.zeros(len(positions), bool)
         for first in range(0, len(positions), POINTS):
             yield SETTING_UP
-            some = positions[first : first + POINTS].tolist()
-            on_wall[first : first + POINTS] = [tree.find_nearest(point, near)[0] is not None for point in some]
+            block = positions[first : first + POINTS].tolist()
+            on_wall[first : first + POINTS] = [tree.find_nearest(point, near)[0] is not None for point in block]
         triangles = meshes.read_triangles(copy.data)
         _delete_faces(copy.data, np.flatnonzero(on_wall[triangles].all(axis=1)))
 

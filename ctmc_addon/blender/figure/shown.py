@@ -22,39 +22,39 @@ def shown_surfaces(
     scene: bpy.types.Scene | None,
     style: FigureStyle,
     names: Sequence[str] = (),
-    chosen: Sequence[float | None] = (),
+    opacities: Sequence[float | None] = (),
     transparency: Transparency | None = None,
     explode: float = 0.0,
 ) -> tuple[ShownSurface, ...]:
-    """Return objects with their look: a single one opaque in the style's color, several each in its own.
+    """Return objects with color and opacity: a single one opaque in the color of the style, several in their own.
 
-    A surface that hides a tumor from the camera is translucent, unless an opacity was chosen for it. Other surfaces
-    have the opacity of their material, which follows their anatomical name.
+    A surface that hides a tumor from the camera is translucent unless its opacity is given. Other surfaces have the
+    opacity of their material, which follows from their anatomical name.
 
     Parameters
     ----------
     scene : Scene or None
         Scene in which the objects are evaluated; None takes the first scene that holds each.
     names : sequence of str
-        For legend and anatomy; by default those of the objects, and no legend.
-    chosen : sequence of float or None
-        Opacity that a person has chosen for each.
+        Names for legend and anatomy; by default those of the objects, without a legend.
+    opacities : sequence of float or None
+        Opacity that the user has set for each object; None for none.
     explode : float
         Shift of the farthest of several in an exploded view, mm.
     """
-    chosen = chosen or [None] * len(objects)
+    opacities = opacities or [None] * len(objects)
     if len(objects) == 1:
         name = names[0] if names else ""
-        by_hand = chosen[0]
+        by_hand = opacities[0]
         return (ShownSurface(objects[0], written(name), opacity=1.0 if by_hand is None else by_hand),)
     called = names or [obj.name for obj in objects]
     hides = [False] * len(objects)
     shifts = [(0.0, 0.0, 0.0)] * len(objects)
-    if explode or None in chosen:
+    if explode or None in opacities:
         triangles = [triangles_in_scene(obj, scene) for obj in objects]
         if explode:
             shifts = scene_shifts(objects, triangles, explode)
-        if None in chosen:
+        if None in opacities:
             axes = view_axes(style.azimuth, style.elevation)
             seen = [
                 (_along(axes, points + shift), faces) for (points, faces), shift in zip(triangles, shifts, strict=True)
@@ -63,7 +63,7 @@ def shown_surfaces(
     most = (transparency or Transparency()).hiding_opacity
     shown = []
     for at, obj in enumerate(objects):
-        by_hand, own = chosen[at], material_opacity(obj)
+        by_hand, own = opacities[at], material_opacity(obj)
         opacity = by_hand if by_hand is not None else min(own, most) if hides[at] else own
         color = None if style.style == "print" else material_color(obj)
         shown.append(ShownSurface(obj, written(names[at]) if names else "", color, opacity, shifts[at]))

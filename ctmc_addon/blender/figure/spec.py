@@ -65,7 +65,7 @@ class _SurfaceStyle:
 
 STYLES = {
     "illustration": _SurfaceStyle("soft light, shaded recesses, outlines, names beside the structures", None, None),
-    "paper": _SurfaceStyle("red faces, yellow triangle edges, as Su and Ma", RED, YELLOW),
+    "paper": _SurfaceStyle("red faces, yellow triangle edges, like Su and Ma", RED, YELLOW),
     "clinical": _SurfaceStyle("every surface smooth in its own color", None, None),
     "print": _SurfaceStyle("gray faces, dark triangle edges, for black and white", GRAY, INK),
 }
@@ -107,7 +107,7 @@ class Page(Described):
         low=20.0,
         high=400.0,
         start=60.0,
-        without="what the surface needs",
+        without="as high as the surface needs",
     )
     transparent: bool = setting(
         False, "No background instead of a white one; videos always have one", label="Transparent", type=bool
@@ -275,7 +275,7 @@ class FigureStyle(Described):
         high=90.0,
     )
     edges: bool | None = setting(
-        None, "Draw the edges of the triangles", label="Edges", type=bool, start=True, without="as the style has them"
+        None, "Draw the edges of the triangles", label="Edges", type=bool, start=True, without="as in the style"
     )
     scale_bar: bool = setting(True, "Draw a scale bar of round length in mm", label="Scale Bar", type=bool)
     orientation: bool = setting(
@@ -294,7 +294,7 @@ class FigureStyle(Described):
         without="what it shows",
     )
     columns: int | None = setting(
-        None, "Cells side by side in a sheet", label="Columns", low=1, type=int, start=2, without="as they fit"
+        None, "Cells side by side in a sheet", label="Columns", low=1, type=int, start=2, without="as many as fit"
     )
     colors: ColorScale | None = None
     samples: int | None = None

@@ -38,8 +38,8 @@ FAR_SIDE = 0.35  # Density of a translucent organ's far side relative to its nea
 RIM_SHADE = 0.6  # Lightness of a transparent surface at its rim.
 EDGE_MM = 0.12  # Width of an edge on the page.
 EDGE_WIDTH = "ctmc_edge_width"  # Attribute of the triangles.
-# The width of a triangle's lines over the radius of its inscribed circle, where that is so many mm on the page: what is
-# too small to be seen one by one keeps the color of its face.
+# Width of lines as a share of the radius of a triangle's inscribed circle, by this radius on the page, mm. Triangles
+# too small to be seen one by one keep the color of their faces.
 RADII_MM, SHARES = (0.08, 0.45), (0.04, 0.3)
 
 

@@ -69,7 +69,7 @@ class Video(NamedTuple):
         """
         scene, renders = bpy.data.scenes.new("CTMC Video"), render_results()
         try:
-            set_up(scene, [Path(frame) for frame in self.frames], Path(self.name).suffix.lower(), self.fps, self.size)
+            _set_up(scene, [Path(frame) for frame in self.frames], Path(self.name).suffix.lower(), self.fps, self.size)
             scene.render.filepath = str((Path(self.folder) / "video").resolve())
             bpy.ops.render.render(animation=True, scene=scene.name)
         except RuntimeError as error:
@@ -95,7 +95,7 @@ class Video(NamedTuple):
         return written[0]
 
 
-def set_up(scene: bpy.types.Scene, frames: Sequence[Path], suffix: str, fps: int, size: tuple[int, int]) -> None:
+def _set_up(scene: bpy.types.Scene, frames: Sequence[Path], suffix: str, fps: int, size: tuple[int, int]) -> None:
     """Put the pictures on a strip, and choose container and codec."""
     set_render(scene, size)
     scene.frame_start, scene.frame_end = 1, len(frames)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Keep maps on a mesh, and show them: values on the vertices of a surface, such as the thickness of a wall."""
+"""Store maps on a mesh and show them: values on the vertices of a surface, such as the thickness of a wall."""
 
 from .shown import (
     delete_map as delete_map,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Colors of a map on the vertices, which Solid shading shows as Attribute."""
+"""Write the colors of a map to the vertices, which Solid shading shows as Attribute."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from ...core.maps import NO_VALUE, colors_of, linear, rgb_of
 from .stored import StoredMap, map_values
 
 COLORS = "ctmc_map"
-"""Color attribute of the vertices."""
+"""Name of the color attribute of the vertices."""
 SHADES = 1024
-"""Colors along a ramp."""
+"""Number of colors along a ramp."""
 
 
 def paint(mesh: bpy.types.Mesh, stored: StoredMap) -> None:
-    """Write the colors of a map to its mesh, and make them those that are shown."""
+    """Write the colors of a map to its mesh, and make them the shown color attribute."""
     attribute = mesh.color_attributes.get(COLORS) or mesh.color_attributes.new(COLORS, "FLOAT_COLOR", "POINT")
     colors = vertex_colors(map_values(mesh, stored.name), stored.range, stored.ramp)
     attribute.data.foreach_set("color", colors.ravel())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A material that shows a map: its node group is named after the map and has the ramp, the range and the unit."""
+"""Make the material that shows a map; its node group has the name of the map, its ramp, its range and its unit."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from ..materials import headlight, math_node, show_flat, use_nodes
 from ..sockets import input_of, output_of
 
 MAP = "ctmc_map"
-"""Custom property of the material: the name of its map."""
+"""Custom property of the material that holds the name of its map."""
 MOST_STOPS = 32  # Blender's limit.
-ENDLESS = 1e30  # Every value lies below this and above its negative; NaN does not.
-RIM = 0.72  # Share of the lightness at the rim: it shows form, and its color is not in the ramp.
+ENDLESS = 1e30  # Every value except NaN lies between this and its negative.
+RIM = 0.72  # The rim has this share of the lightness, which shows form in colors outside of the ramp.
 
 
-class Shown(Protocol):
-    """What a material must know of a map."""
+class ShownMap(Protocol):
+    """The properties of a map that its material needs."""
 
     @property
     def name(self) -> str:
@@ -36,10 +36,10 @@ class Shown(Protocol):
 
     @property
     def ramp(self) -> str:
-        """Of `RAMPS`."""
+        """The color ramp, a key of `RAMPS`."""
 
 
-def map_material(shown: Shown) -> bpy.types.Material:
+def map_material(shown: ShownMap) -> bpy.types.Material:
     """Return a material in the colors of a map, unlit but slightly darker at the rim."""
     material = bpy.data.materials.new(f"CTMC {shown.name}")
     material[MAP] = shown.name
@@ -60,8 +60,8 @@ def blocks_of(material: bpy.types.Material) -> list[bpy.types.ID]:
     return [material, material.node_tree.nodes[MAP].node_tree]
 
 
-def set_colors(material: bpy.types.Material, shown: Shown) -> None:
-    """Give a material of `map_material` the range and the ramp that a map has now."""
+def set_colors(material: bpy.types.Material, shown: ShownMap) -> None:
+    """Give a material of `map_material` the present range and ramp of a map."""
     group = material.node_tree.nodes[MAP]
     for called, value in zip(_range_names(shown.unit), shown.range, strict=True):
         input_of(group, called).default_value = value
@@ -73,8 +73,8 @@ def _range_names(unit: str) -> tuple[str, str]:
     return f"Low{behind}", f"High{behind}"
 
 
-def map_nodes(shown: Shown) -> bpy.types.NodeTree:
-    """Return a new node group that gives the color of a map: of its value between two inputs, gray without a value."""
+def map_nodes(shown: ShownMap) -> bpy.types.NodeTree:
+    """Return a new node group that gives the color of a map's value between two inputs, gray without a value."""
     tree: Any = bpy.data.node_groups.new(shown.name, "ShaderNodeTree")
     low, high = (
         tree.interface.new_socket(called, in_out="INPUT", socket_type="NodeSocketFloat").name
@@ -90,7 +90,7 @@ def map_nodes(shown: Shown) -> bpy.types.NodeTree:
     share = math_node(tree, "DIVIDE", above_low, width)
     share.node.use_clamp = True
     tree.links.new(share, input_of(ramp, "Fac"))
-    # No comparison holds for NaN, in Cycles and in EEVEE; that of a value with itself does in EEVEE.
+    # NaN fails these comparisons in Cycles and in EEVEE; a comparison with itself holds in EEVEE.
     below = math_node(tree, "LESS_THAN", value, ENDLESS)
     above = math_node(tree, "GREATER_THAN", value, -ENDLESS)
     mix: Any = tree.nodes.new("ShaderNodeMix")
@@ -105,7 +105,7 @@ def map_nodes(shown: Shown) -> bpy.types.NodeTree:
 
 
 def _set_stops(color_ramp: Any, ramp: str) -> None:
-    """Give a color ramp the stops of a ramp and more between them, as Blender mixes linear light and core sRGB."""
+    """Give a color ramp the stops of a ramp and more between them, because Blender mixes linear light and core sRGB."""
     steps = len(RAMPS[ramp].split()) - 1
     count = steps * ((MOST_STOPS - 1) // steps) + 1
     along = np.linspace(0.0, 1.0, count)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Show a map on an object, and its own look again.
+"""Show a map on an object, or its own materials again.
 
-The material of a map is the object's, not the mesh's: its own materials stay where they are, and a linked copy of the
-object keeps its look.
+The material of a map belongs to the object instead of the mesh, so the materials of the mesh stay in place and a linked
+copy of the object does not change.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from .stored import StoredMap, change_map, remove_map, stored_map, stored_maps
 
 
 def show_map(obj: bpy.types.Object, name: str) -> None:
-    """Show a map of the object's mesh, by material and by the colors of Solid shading."""
+    """Show a map of the object's mesh, by its material and by the colors of Solid shading."""
     stored = stored_map(obj.data, name)
     if stored is None:
         return
@@ -33,7 +33,7 @@ def show_map(obj: bpy.types.Object, name: str) -> None:
 def hide_map(obj: bpy.types.Object) -> None:
     """Show an object in its own materials."""
     _drop_material(obj)
-    if not any(shown_name(other) for other in bpy.data.objects if other.data == obj.data):
+    if not any(shown_name(user) for user in bpy.data.objects if user.data == obj.data):
         unpaint(obj.data)
 
 
@@ -50,11 +50,11 @@ def shown_map(obj: bpy.types.Object | None) -> StoredMap | None:
 
 
 def recolor_map(obj: bpy.types.Object, stored: StoredMap) -> None:
-    """Keep the range, ramp and limits of a map, and show it so on all objects of the mesh."""
+    """Store the range, ramp and limits of a map, and apply them to all objects of the mesh that show it."""
     change_map(obj.data, stored)
     painted = False
-    for other in bpy.data.objects:
-        material = _map_material_of(other) if other.data == obj.data else None
+    for user in bpy.data.objects:
+        material = _map_material_of(user) if user.data == obj.data else None
         if material is not None and material[MAP] == stored.name:
             set_colors(material, stored)
             painted = True
@@ -64,14 +64,14 @@ def recolor_map(obj: bpy.types.Object, stored: StoredMap) -> None:
 
 def delete_map(obj: bpy.types.Object, name: str) -> None:
     """Remove a map from the mesh of an object, and from all objects that show it."""
-    for other in bpy.data.objects:
-        if other.data == obj.data and shown_name(other) == name:
-            hide_map(other)
+    for user in bpy.data.objects:
+        if user.data == obj.data and shown_name(user) == name:
+            hide_map(user)
     remove_map(obj.data, name)
 
 
 def drop_missing(obj: bpy.types.Object) -> None:
-    """Show an object in its own materials if its mesh was replaced by one without the map shown."""
+    """Show an object in its own materials if its new mesh lacks the shown map."""
     if shown_name(obj) and shown_map(obj) is None:
         hide_map(obj)
 
@@ -91,7 +91,7 @@ def _map_material_of(obj: bpy.types.Object | None) -> bpy.types.Material | None:
 
 
 def _drop_material(obj: bpy.types.Object) -> None:
-    """Give the slots of a map back to the mesh, and remove a material that nothing uses any more."""
+    """Return the slots of a map to the mesh, and remove a material without users."""
     dropped = set()
     for slot in obj.material_slots:
         if slot.link == "OBJECT" and slot.material is not None and MAP in slot.material:

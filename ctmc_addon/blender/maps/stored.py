@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Keep maps on a mesh: the values as an attribute of the map's name, all else as JSON in one custom property.
+"""Store maps on a mesh: the values as an attribute with the name of the map, the rest as JSON in a custom property.
 
-So a map is copied, undone, saved and deleted with its mesh. A mesh with another number of vertices, as after an edit,
-has no maps.
+So a map is copied, undone, saved and deleted with its mesh. A mesh whose number of vertices has changed, as after an
+edit, has no maps.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from ...core.maps import RAMPS, Limits, MapStatistics, Point, SurfaceMap
 from ..stored_values import from_stored, parsed_json
 
 MAPS = "ctmc_maps"
-"""Custom property of the mesh: the maps by name, as JSON."""
+"""Custom property of the mesh that holds the maps by name, as JSON."""
 
 
 @dataclass(frozen=True)
 class StoredMap:
-    """All of a map but its values.
+    """A map without its values.
 
     Parameters
     ----------
     name, unit, range, ramp, statistics, nearest, notes
-        As those of `SurfaceMap`.
+        As in `SurfaceMap`.
     limits : (low, high)
         None for no limit.
     vertices : int
-        Vertices of the mesh that it was made on.
+        Number of vertices of its mesh.
     """
 
     name: str
@@ -49,12 +49,12 @@ class StoredMap:
     notes: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
-        """Check what a file may hold.
+        """Check the fields, which may come from a file.
 
         Raises
         ------
         ValueError
-            For an unknown ramp, or a range that does not rise.
+            For an unknown ramp or a range that does not rise.
         """
         low, high = self.range
         if self.ramp not in RAMPS or not low < high:
@@ -62,24 +62,24 @@ class StoredMap:
 
     @property
     def core_limits(self) -> Limits:
-        """Return the limits as core takes them."""
+        """The limits for `core`."""
         low, high = self.limits
         return Limits(-math.inf if low is None else low, math.inf if high is None else high)
 
 
 def write_map(mesh: bpy.types.Mesh, surface_map: SurfaceMap) -> None:
-    """Write a map to its mesh; one of the same name is replaced.
+    """Write a map to its mesh; replace one with the same name.
 
     Parameters
     ----------
     mesh : bpy.types.Mesh
-        With a vertex for each value.
+        Has a vertex for each value.
     surface_map : SurfaceMap
 
     Raises
     ------
     MeshError
-        If the mesh has another number of vertices, or Blender cannot have an attribute of this name.
+        If the numbers of vertices and values differ, or Blender does not allow an attribute with this name.
     """
     name, values = surface_map.name, surface_map.values
     if len(values) != len(mesh.vertices):
@@ -126,7 +126,7 @@ def write_values(mesh: bpy.types.Mesh, name: str, values: NDArray[np.float32]) -
 
 
 def stored_maps(mesh: bpy.types.Mesh) -> list[StoredMap]:
-    """Return the maps of a mesh, in the order in which they were made; in edit mode none can be read."""
+    """Return the maps of a mesh in the order in which they were made; empty in edit mode."""
     if mesh.is_editmode:
         return []
     return [each for each in _by_name(mesh).values() if _has_values(mesh, each)]
@@ -138,7 +138,7 @@ def stored_map(mesh: bpy.types.Mesh, name: str) -> StoredMap | None:
 
 
 def map_values(mesh: bpy.types.Mesh, name: str) -> NDArray[np.float32]:
-    """Return the values of a map of the mesh, (V,) float32 with NaN where there is none."""
+    """Return the values of a map of the mesh, (V,) float32; NaN for no value."""
     values = np.empty(len(mesh.vertices), np.float32)
     mesh.attributes[name].data.foreach_get("value", values)
     return values
@@ -163,7 +163,7 @@ def read_map(mesh: bpy.types.Mesh, name: str) -> SurfaceMap | None:
 
 
 def change_map(mesh: bpy.types.Mesh, stored: StoredMap) -> None:
-    """Replace what is known of a map, such as its range; the values stay."""
+    """Replace the properties of a map, such as its range; the values stay."""
     _keep(mesh, [stored if each.name == stored.name else each for each in stored_maps(mesh)])
 
 
@@ -186,7 +186,7 @@ def _keep(mesh: bpy.types.Mesh, maps: Iterable[StoredMap]) -> None:
 
 
 def _by_name(mesh: bpy.types.Mesh) -> dict[str, StoredMap]:
-    """Return what the property says; nothing if another add-on or a newer version wrote it."""
+    """Return the maps by name; empty if a second add-on or a newer version wrote the property."""
     try:
         stored: dict[str, StoredMap] = from_stored(dict[str, StoredMap], parsed_json(mesh[MAPS]))
     except (KeyError, TypeError, ValueError):

@@ -67,11 +67,11 @@ def remove_box(scene: bpy.types.Scene, fingerprint: str) -> None:
             bpy.data.collections.remove(owner)
 
 
-def give_box(scene: bpy.types.Scene, fingerprint: str, other: str) -> None:
-    """Make the box of a CT that of another reading of the same path."""
+def give_box(scene: bpy.types.Scene, fingerprint: str, second: str) -> None:
+    """Make the box of a CT that of a second reading of the same path."""
     box = box_of(scene, fingerprint)
     if box is not None and box.library is None:
-        box[PROPERTY]["fingerprint"] = other
+        box[PROPERTY]["fingerprint"] = second
 
 
 def objects_beside(scene: bpy.types.Scene, fingerprint: str) -> list[bpy.types.Object]:

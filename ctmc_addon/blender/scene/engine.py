@@ -26,7 +26,7 @@ PER_TRIANGLE, PER_SAMPLES, PER_DENOISED = 3e-6, 1.6e-3, 4e-3
 
 
 class RenderPlan(NamedTuple):
-    """What F12 renders with; `seconds` are predicted for Cycles on the processor alone."""
+    """Settings with which F12 renders; `seconds` are predicted for Cycles without a graphics card."""
 
     engine: str
     samples: int
@@ -83,7 +83,7 @@ def _set_cycles(cycles: Any) -> None:
 
 
 def render_plan(scene: bpy.types.Scene, triangles: int) -> RenderPlan:
-    """Return what F12 renders with in a scene, and the seconds of Cycles for as many triangles."""
+    """Return the settings with which F12 renders a scene, and the predicted seconds for a number of triangles."""
     render, engine = scene.render, engine_of(scene)
     share = render.resolution_percentage / 100
     width, height = int(render.resolution_x * share), int(render.resolution_y * share)

@@ -186,6 +186,6 @@ def _remove_studio(scene: bpy.types.Scene) -> None:
                 bpy.data.objects.remove(obj)
                 if not data.users:
                     (bpy.data.cameras if isinstance(data, bpy.types.Camera) else bpy.data.lights).remove(data)
-            elif not any(obj.name in other.objects for other in obj.users_collection if other != folder):
+            elif not any(obj.name in collection.objects for collection in obj.users_collection if collection != folder):
                 scene.collection.objects.link(obj)
         bpy.data.collections.remove(folder)

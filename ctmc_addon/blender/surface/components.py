@@ -62,7 +62,7 @@ def surface_of(result: Reconstruction) -> Surface:
     return result.surface or Surface(mesh.vertices, mesh.vertices, mesh.faces, mesh.normals)
 
 
-def _with_triangles(result: Reconstruction, chosen: NDArray[np.bool_]) -> Reconstruction:
+def _with_triangles(result: Reconstruction, selected: NDArray[np.bool_]) -> Reconstruction:
     """Return a reconstruction of some of the triangles, (F,).
 
     Raises
@@ -70,9 +70,9 @@ def _with_triangles(result: Reconstruction, chosen: NDArray[np.bool_]) -> Recons
     MeshError
         If none would be left.
     """
-    if not chosen.any():
+    if not selected.any():
         raise MeshError("this is the only component; nothing would be left")
-    surface = with_faces(surface_of(result), chosen)
+    surface = with_faces(surface_of(result), selected)
     mesh = surface.at(result.settings.alpha_number)
     is_full = result.full_faces == len(result.mesh.faces)
     notes = (*(note for note in result.notes if note != PICKED), PICKED)
@@ -85,14 +85,14 @@ def _with_triangles(result: Reconstruction, chosen: NDArray[np.bool_]) -> Recons
     )
 
 
-def give_triangles(obj: bpy.types.Object, result: Reconstruction, chosen: NDArray[np.bool_]) -> None:
+def give_triangles(obj: bpy.types.Object, result: Reconstruction, selected: NDArray[np.bool_]) -> None:
     """Reduce an object to some of its triangles; transform, materials and modifiers stay."""
     require_updatable(obj)
     provenance: Provenance = require_provenance(obj)
-    update_reconstruction(obj, _with_triangles(result, chosen), fingerprint=provenance.fingerprint)
+    update_reconstruction(obj, _with_triangles(result, selected), fingerprint=provenance.fingerprint)
 
 
-def separated(obj: bpy.types.Object, result: Reconstruction, chosen: NDArray[np.bool_]) -> bpy.types.Object:
+def separated(obj: bpy.types.Object, result: Reconstruction, selected: NDArray[np.bool_]) -> bpy.types.Object:
     """Move some triangles of an object into a new one, which is otherwise equal.
 
     Raises
@@ -101,7 +101,7 @@ def separated(obj: bpy.types.Object, result: Reconstruction, chosen: NDArray[np.
         If the object would be left without any.
     """
     require_updatable(obj)
-    if chosen.all():
+    if selected.all():
         raise MeshError("this is the only component; nothing would be left")
     new = obj.copy()
     new.data = obj.data.copy()
@@ -109,6 +109,6 @@ def separated(obj: bpy.types.Object, result: Reconstruction, chosen: NDArray[np.
         new.data.materials[slot] = None if material is None else material.copy()
     for collection in obj.users_collection:
         collection.objects.link(new)
-    give_triangles(new, result, chosen)
-    give_triangles(obj, result, ~chosen)
+    give_triangles(new, result, selected)
+    give_triangles(obj, result, ~selected)
     return new

@@ -59,7 +59,7 @@ def holds(layer: bpy.types.ViewLayer, obj: bpy.types.Object) -> bool:
     """Return whether an object is in a view layer, once both are up to date."""
     layer.update()
     # Not by name: one linked from a file may be called as another of the scene.
-    return any(other == obj for other in layer.objects)
+    return any(each == obj for each in layer.objects)
 
 
 def evaluated_copy(

@@ -33,7 +33,7 @@ SAME = 1e-5  # Vertices nearer than this, Blender units, become one: those that 
 
 
 def is_large(faces: int) -> bool:
-    """Return whether a surface with so many triangles is shown light."""
+    """Return whether a surface with this many triangles is shown with fewer."""
     return faces > ABOVE
 
 

@@ -72,7 +72,7 @@ def new_mesh_steps(
         return mesh
     finally:
         if not complete:
-            bpy.data.batch_remove([one for one in bpy.data.meshes if one.session_uid == uid])
+            bpy.data.batch_remove([mesh_block for mesh_block in bpy.data.meshes if mesh_block.session_uid == uid])
 
 
 def mesh_of(uid: int) -> bpy.types.Mesh:

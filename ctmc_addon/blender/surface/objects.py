@@ -33,7 +33,7 @@ NAMED = "ctmc_name"
 """The object's custom property with the name that we gave it."""
 NEIGHBOR = "neighbor_label"
 """The attribute of a label's triangles with the label in front of each, 0 for none."""
-NAME_BYTES = 63  # Blender 4 cuts longer names
+NAME_BYTES = 63  # Blender 4 cuts longer names.
 SHARP_DEG = 50.0  # Edges of parts of solids are sharp from this angle between their faces on.
 
 

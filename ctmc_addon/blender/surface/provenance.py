@@ -50,6 +50,8 @@ class Provenance:
         Name of the part of a solid that it is; empty for a surface as the settings alone make it.
     part_number : int
         Of the part among those of its structure, from 0.
+    sharing_labels : tuple of int
+        As `Reconstruction.sharing_labels`.
     """
 
     settings: ReconstructionSettings
@@ -67,6 +69,7 @@ class Provenance:
     drawn: str = ""
     part: str = ""
     part_number: int = 0
+    sharing_labels: tuple[int, ...] = ()
 
 
 TEXTS = ("fingerprint", "drawn", "part")
@@ -91,6 +94,7 @@ def provenance_of_result(result: Reconstruction, placement: Placement, fingerpri
         notes=result.notes,
         fingerprint=fingerprint,
         part_number=result.part_number,
+        sharing_labels=result.sharing_labels,
     )
 
 
@@ -136,7 +140,8 @@ def parsed(
             voxels_visited=whole(reported["voxels_visited"]),
             spacing_mm=(positive(x), positive(y), positive(z)),
             notes=texts(reported["notes"]),
-            part_number=whole(reported.get("part_number", 0)),  # Files of earlier versions lack it.
+            part_number=whole(reported.get("part_number", 0)),  # Files of earlier versions lack these.
+            sharing_labels=tuple(map(whole, reported.get("sharing_labels", ()))),
             **{name: str(text) for name, text in zip(TEXTS, words, strict=True)},
         )
     except (TypeError, KeyError, ValueError, AttributeError, ArithmeticError, SettingsError):

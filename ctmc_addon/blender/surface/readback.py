@@ -199,4 +199,5 @@ def reconstruction_of(
         spacing_mm=provenance.spacing_mm,
         notes=provenance.notes,
         name=provenance.name,
+        sharing_labels=provenance.sharing_labels,
     )

@@ -26,7 +26,7 @@ SIDES = {
 }
 SENSOR = 36.0  # Half of the length in mm that a viewport's lens sees along its longer side at its own focal length.
 FAR = 20_000  # Pixels beyond any usual zoom.
-NEAR = 1e-4  # Blender units: what lies in the plane is shown
+NEAR = 1e-4  # Objects within this many Blender units of the plane are shown.
 AIR = 1.08  # Room around a framed box.
 LETTERS = 1.2  # Room around a framed box with letters around it.
 # Where a bar lies on a viewport: right and up.

@@ -150,7 +150,7 @@ def _number(tree: Any, label: str, value: float) -> Any:
 
 
 def _share(tree: Any, value: Any, low: Any, width: Any) -> Any:
-    """The socket of (value - low) / width, 0 below and 1 above."""
+    """Return the socket of (value - low) / width, 0 below and 1 above."""
     share = math_node(tree, "DIVIDE", math_node(tree, "SUBTRACT", value, low), width)
     share.node.use_clamp = True
     return share

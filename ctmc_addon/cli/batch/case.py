@@ -43,16 +43,17 @@ from ...core.volume import (
     label_extents_steps,
     region_box,
 )
-from ..arguments import with_flags
-from ..blender_host import has_blender
 from ..commands.reconstruct import needed_steps, source_of
+from ..flags.arguments import with_flags
+from ..flags.solid import NOTHING, may_have_parts
+from ..machine.blender_host import has_blender
 from ..outputs import Outputs, written_steps
-from ..solid_flags import NOTHING, may_have_parts
 from ..surface_writer import SurfaceWriter
 from ..surfaces import Surfaces, for_bed_steps, surface_of, surfaces_steps
 from .files import (
     ABSENT,
     DONE,
+    FAILED,
     batch_is_over,
     failed_record,
     identity,
@@ -64,6 +65,7 @@ from .files import (
     record_path,
     require_batch,
     settings_of,
+    since,
     size_of,
     solid_of_task,
     without_folders,
@@ -85,17 +87,34 @@ def do_case(task: Mapping[str, Any], unfinished: Path, ask: Ask | None = None) -
     for output in task["outputs"]:
         start = time.perf_counter()
         try:
-            if task["version"] != VERSION:
-                raise CtmcError(f"ctmc here is {VERSION} and the batch's is {task['version']}; install the same")
+            require_version(task)
             case.make(output, start)
         except AbsentLabelError as error:
-            case.put_absent(output, with_flags(str(error)), _since(start))
+            case.put_absent(output, with_flags(str(error)), since(start))
         except (CtmcError, MemoryError) as error:
-            sentence = NO_MEMORY if isinstance(error, MemoryError) else with_flags(str(error))
-            record = failed_record(task, output, sentence, _since(start))
-            with CHANGING_FOLDERS:
-                if not batch_is_over(task):
-                    write_json(record_path(Path(task["folder"]), output["name"]), record)
+            write_error(task, output, error, start)
+
+
+def require_version(task: Mapping[str, Any]) -> None:
+    """Raise an error where another version of ctmc takes a task than that of its batch."""
+    if task["version"] != VERSION:
+        raise CtmcError(f"ctmc here is {VERSION} and the batch's is {task['version']}; install the same")
+
+
+def write_error(
+    task: Mapping[str, Any],
+    output: Mapping[str, Any],
+    error: Exception,
+    start: float,
+    status: str = FAILED,
+    key: Mapping[str, str] | None = None,
+) -> None:
+    """Write the JSON of an output that could not be made, unless the batch is over."""
+    sentence = NO_MEMORY if isinstance(error, MemoryError) else with_flags(str(error))
+    record = {**failed_record(task, output, sentence, since(start), status), **(key or {})}
+    with CHANGING_FOLDERS:
+        if not batch_is_over(task):
+            write_json(record_path(Path(task["folder"]), output["name"]), record)
 
 
 @dataclass(frozen=True)
@@ -141,11 +160,6 @@ def announced_budget(task: Mapping[str, Any], ask: Ask) -> _AnnouncedBudget:
                 reserved = total
 
     return _AnnouncedBudget(task["threads"], announce=announce)
-
-
-def _since(start: float) -> float:
-    """Return the seconds since `start`, to a millisecond."""
-    return round(time.perf_counter() - start, 3)
 
 
 class CaseWork:
@@ -214,7 +228,7 @@ class CaseWork:
             "run": task["run"],
             **({"absent_labels": absent} if absent else {}),
             **({"labels_as_one": True} if volume.kind == ValueKind.LABEL and is_otsu(settings) and not choices else {}),
-            "seconds": _since(start),
+            "seconds": since(start),
             "memory_bytes": peak_bytes(),
             "files": names,
             "file_bytes": {name: size_of(file) for name, file in zip(names, files, strict=True)},
@@ -238,7 +252,7 @@ class CaseWork:
         """Return the surface of an output; the first call makes those of all `shared_labels` and keeps them."""
         label = settings.label
         if label not in self.outcomes:
-            every = [replace(settings, label=other) for other in shared_labels] or [settings]
+            every = [replace(settings, label=each_label) for each_label in shared_labels] or [settings]
             own = HOLD if writer is None else writer.sink_of(label)
             sinks = [own if each.label == label else HOLD for each in every]
             requests = [

@@ -19,9 +19,10 @@ from ...core import CtmcError, OutputError, ReadError, ReconstructionSettings, S
 from ...core.files.file_names import LONGEST_BYTES, file_key, name_problem
 from ...core.solid import SolidRequest
 from ...readers import VOLUME_SUFFIXES, ReadingOptions, natural_key, stem, suffix
-from ..arguments import UsageError, choices_of, label_for_checks, overridden
-from ..map_flags import NO_MAPS, AskedMaps
-from ..solid_flags import NOTHING, labels_of, overridden_solid, require_built_in, solid_of
+from ..flags.arguments import UsageError, choices_of, label_for_checks, overridden
+from ..flags.combined import labels_of
+from ..flags.maps import NO_MAPS, AskedMaps
+from ..flags.solid import NOTHING, overridden_solid, require_built_in, solid_of
 from .manifest import CaseInput, manifest_inputs
 
 DEEPEST = 6  # Folders are searched for cases to this depth.
@@ -255,4 +256,4 @@ def values_of(path: Path, allow_outside: bool) -> tuple[int, int]:
         raise
     except (CtmcError, OSError):
         return 0, LARGEST_VALUE
-    return max(((math.prod(one.shape), one.voxel_bytes) for one in series), default=(0, LARGEST_VALUE))
+    return max(((math.prod(each.shape), each.voxel_bytes) for each in series), default=(0, LARGEST_VALUE))

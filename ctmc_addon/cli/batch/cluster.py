@@ -11,7 +11,7 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..scheduler import PATIENCE, Scheduler
+from ..machine.scheduler import PATIENCE, Scheduler
 from .files import RUNNING
 from .process import ENDED, Event, Events, Task, run_task, settle
 
@@ -69,5 +69,5 @@ class Cluster(Scheduler):
             return f"the scheduler {self.address} lost this case; run the batch again with --resume"
         error = future.exception(timeout=PATIENCE)
         if isinstance(error, self.distributed.KilledWorker):
-            return "the workers that took this case were lost, again and again; see their logs for the reason"
+            return "several workers were lost while they made this case; see their logs for the reason"
         return f"the worker could not do this case ({type(error).__name__}: {error}); it needs ctmc and the same files"

@@ -32,13 +32,13 @@ from ...core import (
 from ...core.files.atomic_write import create_folder, require_writable
 from ...core.files.input_files import add_inputs, plan_output
 from ...core.files.mesh_files import PAGE, SPACES, SURFACE_SUFFIXES
-from ..arguments import add_quiet, add_reading, add_settings, at_least, given_settings, reading_of
-from ..blender_host import has_blender, require_blender
 from ..commands.change import add_limits
 from ..commands.reconstruct import source_of
-from ..map_flags import add_maps, asked_maps
+from ..flags.arguments import add_quiet, add_reading, add_settings, at_least, given_settings, reading_of
+from ..flags.maps import add_maps, asked_maps
+from ..flags.solid import NOTHING, add_solid, given_solid
+from ..machine.blender_host import has_blender, require_blender
 from ..outputs import Outputs
-from ..solid_flags import NOTHING, add_solid, given_solid
 from ..surfaces import open_words
 from ..terminal import Progress, listing, require_empty, table
 from .cases import Case, collect, values_of

@@ -25,8 +25,8 @@ from ...core.files.input_files import require_no_input
 from ...core.files.temporary_names import may_be_in_use, remove_leftovers, temporary_name
 from ...core.solid import SolidRequest
 from ...readers import ReadingOptions, VolumeSource, files_below, open_volume, open_volume_steps
-from ..arguments import label_for_checks
-from ..map_flags import NO_MAPS, AskedMaps
+from ..flags.arguments import label_for_checks
+from ..flags.maps import NO_MAPS, AskedMaps
 
 WAITING, RUNNING = "waiting", "running"
 DONE, ABSENT, FAILED = "done", "absent", "failed"  # A case that does not have the label is absent.
@@ -168,11 +168,11 @@ def unfinished_folder(folder: Path) -> Iterator[str]:
     own = create_folder(folder / temporary_name(UNFINISHED))
     try:
         # Made first, asked then: of two that start together at least one sees the other.
-        for other in folder.glob(UNFINISHED + "*"):
-            if other != own and may_be_in_use(other.name):
+        for unfinished in folder.glob(UNFINISHED + "*"):
+            if unfinished != own and may_be_in_use(unfinished.name):
                 raise OutputError(
-                    f"another batch is at work in {folder}; wait for it, choose another folder, "
-                    f"or remove {other.name} there if that batch was ended on another machine"
+                    f"another batch is running in {folder}; wait for it, choose another folder, "
+                    f"or remove {unfinished.name} there if that batch was ended on another machine"
                 )
         yield own.name
     finally:
@@ -309,6 +309,11 @@ def failed_record(
         "files": [],
         "file_bytes": {},
     }
+
+
+def since(start: float) -> float:
+    """Return the seconds since `start`, to a millisecond."""
+    return round(time.perf_counter() - start, 3)
 
 
 def input_key(source: VolumeSource, verify: bool) -> dict[str, str]:

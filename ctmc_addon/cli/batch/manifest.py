@@ -18,10 +18,10 @@ from typing import Any
 from ...core import SETTINGS, ReadError, Setting, SettingsError, descriptions
 from ...core.files.input_files import add_inputs
 from ...readers import ReadingOptions, stem
-from ..arguments import UsageError, flag_of, label_choices
-from ..described_flags import value_reader
-from ..map_flags import KINDS, NO_MAPS, AskedMaps, limit_of
-from ..solid_flags import COLUMNS as SOLID, cells_of
+from ..flags.arguments import UsageError, flag_of, label_choices
+from ..flags.described import value_reader
+from ..flags.maps import KINDS, NO_MAPS, AskedMaps, limit_of
+from ..flags.solid import COLUMNS as SOLID, cells_of
 
 READING = {name: about for name, about in descriptions(ReadingOptions).items() if about.kept}
 Parse = Callable[[str], Any]
@@ -163,8 +163,8 @@ def _column_of(title: str, where: str, own: Mapping[str, Parse]) -> tuple[str, s
         columns[name] = ("reading", name, _parse_of(name, about))
     column = columns.get(_underscored(title.lower()), ("", "", str))
     if not column[1]:
-        others = [*(name.replace("_", "-") for name in READING), *KINDS, *map(_word_of, SOLID)]
-        there = ", ".join([*own, *map(_word_of, SETTINGS), *others])
+        further = [*(name.replace("_", "-") for name in READING), *KINDS, *map(_word_of, SOLID)]
+        there = ", ".join([*own, *map(_word_of, SETTINGS), *further])
         raise ReadError(f"{where}: unknown column '{title}'; the columns are {there}")
     return column
 

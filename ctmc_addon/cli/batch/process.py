@@ -102,17 +102,17 @@ class CaseProcess:
             self.messages.put((self, None))
 
     def begin(self, task: Task, reserved_bytes: int = 0) -> None:
-        """Let the process make a case with so much memory."""
+        """Let the process make a case with `reserved_bytes` of memory."""
         self.task, self.reserved_bytes, self.asked_bytes = task, reserved_bytes, 0
         self.start = time.perf_counter()
-        self.say({**task, "more": True, "temporary": self.folder, "reserved": reserved_bytes})
+        self.send({**task, "more": True, "temporary": self.folder, "reserved": reserved_bytes})
 
     def grant(self) -> None:
         """Let the case go on with the memory that it asks for."""
         self.reserved_bytes, self.asked_bytes = self.asked_bytes, 0
-        self.say(GO)
+        self.send(GO)
 
-    def say(self, content: Any) -> None:
+    def send(self, content: Any) -> None:
         """Send a line of JSON."""
         assert self.process.stdin is not None
         with suppress(OSError):  # it has ended already, and its status will say why
@@ -313,7 +313,7 @@ def fits(running: Sequence[CaseProcess], need: int, limit: int | None) -> bool:
 def first_to_grant(running: Sequence[CaseProcess], limit: int | None) -> CaseProcess | None:
     """Return the first case whose memory there is room for now, of those that ask."""
     for process in running:
-        other_processes = [other for other in running if other is not process]
+        other_processes = [each for each in running if each is not process]
         if process.asked_bytes and fits(other_processes, process.asked_bytes, limit):
             return process
     return None

@@ -28,7 +28,7 @@ from ...core import (
     requests,
     reset_peak_bytes,
     resident_bytes,
-    say,
+    send,
 )
 from ...core.files.input_files import own_input_files
 from .case import CHANGING_FOLDERS, do_case
@@ -127,17 +127,17 @@ class _BatchPipe:
     def end_task(self, word: str) -> None:
         """Report that the case has ended, and whether this process takes another."""
         self.unfinished = None
-        self.say(word)
+        self.send(word)
 
     def ask(self, needed_bytes: int) -> None:
         """Tell the batch the bytes that this process will need in all, and wait until there is room for them."""
         self.granted.clear()
-        self.say(f"{NEEDS} {needed_bytes}")
+        self.send(f"{NEEDS} {needed_bytes}")
         self.granted.wait()
 
-    def say(self, words: str) -> None:
+    def send(self, words: str) -> None:
         """Write a line for the batch."""
-        say(self.output, f"{MARK}{words}\n".encode("ascii"))
+        send(self.output, f"{MARK}{words}\n".encode("ascii"))
 
 
 def _written_errors() -> int:

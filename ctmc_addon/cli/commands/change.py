@@ -26,13 +26,13 @@ from ...core import (
 )
 from ...core.files.atomic_write import require_writable, write_text
 from ...core.files.map_table import write_map_table
-from ..arguments import UsageError, flags_checked, reading_of, settings_and_labels, with_flags
-from ..described_flags import add_described, given
-from ..solid_flags import given_solid
+from ..flags.arguments import UsageError, flags_checked, reading_of, settings_and_labels, with_flags
+from ..flags.described import add_described, given
+from ..flags.solid import given_solid
 from ..terminal import Progress, listing, table, titled
 from .reconstruct import head_of, needed_steps, source_of
 
-STAGES = {"Reading before": 2, "Reading after": 2, "Comparing": 20}
+STAGES = {"Reading earlier labels": 2, "Reading later labels": 2, "Comparing": 20}
 
 
 def add_change(parser: Any) -> None:

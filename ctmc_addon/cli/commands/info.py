@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 
 from ... import readers
-from ...core import ReconstructionSettings, Stages, Steps, Volume
+from ...core import ReconstructionSettings, Stages, Steps, Volume, sizes_text
 from ...core.files.atomic_write import json_text
 from ...core.volume import ValueFacts, ValueKind, label_extents_steps, region_limits, value_facts_steps
 from ...reporting.formatting import SIDES
-from ..arguments import add_input, reading_of, with_flags
+from ..flags.arguments import add_input, reading_of, with_flags
 from ..terminal import Progress, dimensions, listing, titled
 from .reconstruct import needed_steps
 
 MOST_LABELS = 150
-STAGES = {"Reading headers": 1, "Reading values": 4, "Looking at the values": 2, "Counting the labels": 2}
+STAGES = {"Reading headers": 1, "Reading values": 4, "Checking values": 2, "Counting the labels": 2}
 
 
 def add_parser(commands: Any) -> None:
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> None:
         source = progress.finish(stages.run("Reading headers", opening))
         reading = needed_steps(source, Path(args.input), options, ReconstructionSettings(), several=True)
         volume = progress.finish(stages.run("Reading values", reading))
-        values = progress.finish(stages.run("Looking at the values", value_facts_steps(volume)))
+        values = progress.finish(stages.run("Checking values", value_facts_steps(volume)))
         labels = progress.finish(stages.run("Counting the labels", _labels_steps(volume)))
     facts = facts_of(volume, source, values, labels)
     print(json_text(facts) if args.json else text_of(facts, source.series), end="" if args.json else "\n")
@@ -97,9 +97,9 @@ def _volumes_found(source: readers.VolumeSource) -> list[str]:
     return _from_its_own(source, readers.volumes_beside)
 
 
-def _from_its_own(source: readers.VolumeSource, beside: Callable[[Path], Sequence[Path]]) -> list[str]:
+def _from_its_own(source: readers.VolumeSource, nearby: Callable[[Path], Sequence[Path]]) -> list[str]:
     place = readers.volume_place(source.path).absolute()
-    return [Path(os.path.relpath(path, place)).as_posix() for path in beside(place)]
+    return [Path(os.path.relpath(path, place)).as_posix() for path in nearby(place)]
 
 
 def _labels_steps(volume: Volume) -> Steps[list[dict[str, Any]]]:
@@ -146,9 +146,9 @@ def text_of(facts: dict[str, Any], series: Sequence[readers.Series]) -> str:
         ("name", facts["name"]),
         ("format", facts["format"]),
         ("shape", f"{dimensions(facts['size'])} (columns x rows x slices)"),
-        ("spacing", f"{dimensions(facts['spacing_mm'])} mm"),
+        ("spacing", sizes_text(facts["spacing_mm"], digits=6)),
         ("orientation", f"{facts['orientation']} ({', '.join(f'{axis} to the {SIDES[side]}' for axis, side in axes)})"),
-        ("place", f"{place} mm (RAS, centers of the outermost samples)"),
+        ("place", f"{place} (RAS+ mm, centers of the outermost samples)"),
         ("dtype", facts["dtype"]),
         ("values", values),
     ]

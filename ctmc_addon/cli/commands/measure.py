@@ -25,9 +25,9 @@ from ...core import (
 from ...core.files.atomic_write import require_writable, write_text
 from ...core.files.map_table import write_map_table
 from ...core.volume import ValueKind, samples_on_grid
-from ..arguments import UsageError, add_input, add_settings, add_work, reading_of, with_flags
-from ..map_flags import add_maps, asked_maps
-from ..solid_flags import add_solid, settings_labels_and_solid
+from ..flags.arguments import UsageError, add_input, add_settings, add_work, reading_of, with_flags
+from ..flags.maps import add_maps, asked_maps
+from ..flags.solid import add_solid, settings_labels_and_solid
 from ..surfaces import may_be_several, open_words, surfaces_steps
 from ..terminal import Progress, listing, table, titled
 from .change import add_change, require_no_change, run_change

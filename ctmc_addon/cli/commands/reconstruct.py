@@ -31,13 +31,14 @@ from ...core import (
     printed_of,
     reads_at_once,
     require_opacities,
+    sizes_text,
     volume_text,
 )
 from ...core.files import mesh_files
 from ...core.files.atomic_write import own_folder, require_writable
 from ...core.volume import ValueKind, require_labels
 from ...reporting.formatting import count
-from ..arguments import (
+from ..flags.arguments import (
     UsageError,
     add_input,
     add_opacity,
@@ -48,11 +49,11 @@ from ..arguments import (
     reading_of,
     with_flags,
 )
-from ..blender_host import require_blender
-from ..described_flags import add_described
-from ..map_flags import add_maps, asked_maps
+from ..flags.described import add_described
+from ..flags.maps import add_maps, asked_maps
+from ..flags.solid import NOTHING, add_solid, may_have_parts, require_room_for_parts, settings_labels_and_solid
+from ..machine.blender_host import require_blender
 from ..outputs import Outputs, surface_output, written_steps
-from ..solid_flags import NOTHING, add_solid, may_have_parts, require_room_for_parts, settings_labels_and_solid
 from ..surfaces import Surfaces, explode_of, may_be_several, open_words, surfaces_steps
 from ..terminal import Progress, dimensions, listing, table, titled
 from .slabs import workers_of
@@ -376,7 +377,7 @@ def _given_of(result: Reconstruction) -> ReconstructionSettings:
 
 def head_of(volume: Volume) -> str:
     """Return name, size and spacing of a volume in words."""
-    return f"{volume.name}: {dimensions(volume.size)}, {dimensions(volume.spacing)} mm"
+    return f"{volume.name}: {dimensions(volume.size)}, {sizes_text(volume.spacing, digits=6)}"
 
 
 def _label_text(result: Reconstruction) -> str:

@@ -38,9 +38,9 @@ from ...core.segmentation import (
 )
 from ...core.volume import Box, ValueKind, box_of
 from .. import dicom_segmentation
-from ..arguments import UsageError, add_input, add_quiet, reading_of, with_flags
-from ..described_flags import add_flag
 from ..drawn_structures import Structures
+from ..flags.arguments import UsageError, add_input, add_quiet, reading_of, with_flags
+from ..flags.described import add_flag
 from ..terminal import Progress, listing, titled
 
 STAGES = {

@@ -7,7 +7,7 @@ import argparse
 from typing import Any
 
 from ...reporting.settings_toml import to_toml
-from ..arguments import add_reading, add_settings, given_table, settings_and_labels, tables
+from ..flags.arguments import add_reading, add_settings, given_table, settings_and_labels, tables
 
 
 def add_parser(commands: Any) -> None:

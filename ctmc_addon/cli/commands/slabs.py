@@ -18,12 +18,12 @@ from typing import Any
 
 from ... import readers
 from ...core import CtmcError, ReadError, SlabResult, SlabTask, finish, slab_result_steps
-from ..scheduler import PATIENCE, Scheduler
+from ..machine.scheduler import PATIENCE, Scheduler
 
 TICK = 0.05  # Seconds between two checks of the futures.
 AHEAD = 3  # Tasks per worker at the scheduler; their results wait in the workers' memory.
 LOST = "the scheduler {} lost a slab; run this again once it is up"
-LONGEST_WITHOUT_WORKERS = 60.0  # Seconds.
+LONGEST_WITHOUT_WORKERS = 60.0  # Seconds to wait for a worker.
 RETRIES = 2  # Retries of a task that failed for another reason than the content of the file.
 
 
@@ -57,7 +57,7 @@ class _ClusterWorkers:
             # Travels as code and bytes, for the scheduler unpacks it too and has perhaps no ctmc.
             import importlib
 
-            return importlib.import_module(module).slab_result(path, reading, task)
+            return importlib.import_module(module)._slab_result(path, reading, task)
 
         client = self.cluster.client
         futures: dict[int, Any] = {}
@@ -126,7 +126,7 @@ def workers_of(address: str | None, path: Path, reading: readers.ReadingOptions)
         cluster.close()
 
 
-def slab_result(path: str, reading: Mapping[str, Any], packed: bytes) -> SlabResult:
+def _slab_result(path: str, reading: Mapping[str, Any], packed: bytes) -> SlabResult:
     """Do a task on a worker; open the file again, because it cannot serve two threads at once."""
     task: SlabTask = pickle.loads(packed)
     try:

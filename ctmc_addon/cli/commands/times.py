@@ -22,7 +22,7 @@ from ...core import (
 )
 from ...core.volume import used_threshold_steps
 from ...readers import VolumeSource
-from ..arguments import UsageError
+from ..flags.arguments import UsageError
 from ..surface_writer import SurfaceWriter
 from ..surfaces import Surfaces, may_be_several, surfaces_steps
 
@@ -106,21 +106,25 @@ def times_steps(
         try:
             of_time = None if writer is None else writer.of_time(number + 1)
             making = stages.run("Reconstructing", surfaces_steps(volume, settings, choices, budget, of_time))
-            one = yield from equal_part(making, number, count)
+            surfaces = yield from equal_part(making, number, count)
         except (LabelError, MeshError, ThresholdError) as error:
             reason = reason or error
             left_out.append(f"time {number + 1} is left out: {error}")
             continue
-        if one.are_several:
+        if surfaces.are_several:
             raise UsageError(f"{choices[0]} is the name of several labels; give one label's number")
         stage = Stage("Reading", stages.seconds["Reading"])
-        per_time.append(replace(one, results=(replace(one.results[0], stages=(stage, *one.results[0].stages)),)))
+        per_time.append(
+            replace(surfaces, results=(replace(surfaces.results[0], stages=(stage, *surfaces.results[0].stages)),))
+        )
         times.append(number + 1)
     if volume is None or not per_time:
         raise reason or ReadError("no time could be read; check the file")
     digits = len(str(count))
-    names = tuple(f"{one.titles[0]} time {time:0{digits}d}" for one, time in zip(per_time, times, strict=True))
+    names = tuple(
+        f"{surfaces.titles[0]} time {time:0{digits}d}" for surfaces, time in zip(per_time, times, strict=True)
+    )
     notes = (note,) if note else ()
-    results = tuple(replace(one.results[0], notes=(*one.results[0].notes, *notes)) for one in per_time)
-    files = tuple(file for one in per_time for file in one.files)
+    results = tuple(replace(surfaces.results[0], notes=(*surfaces.results[0].notes, *notes)) for surfaces in per_time)
+    files = tuple(file for surfaces in per_time for file in surfaces.files)
     return Surfaces(per_time[0].name, results, names, tuple(left_out), tuple(times), files), volume

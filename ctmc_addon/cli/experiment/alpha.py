@@ -22,8 +22,8 @@ from ...core import (
     simplify_steps,
 )
 from ...core.mesh import SurfaceDistance, roughness, triangle_shapes
-from ..arguments import UsageError, flags_checked
-from ..blender_host import objects_of, quiet_steps, require_blender
+from ..flags.arguments import UsageError, flags_checked
+from ..machine.blender_host import objects_of, quiet_steps, require_blender
 from .common import MEASURING, Work, distance_cells, distances_steps, facts_of, measured, settings_of, way_cells
 from .plot import Plot, series
 from .table import MAX_MM, MEAN_MM, TRIANGLES, VOLUME_ML, WAYS, Column, ExperimentTable, Row, figures, plain, unique
@@ -32,7 +32,7 @@ STAGES = {"Reading": 1, "Reconstructing": 3, "Measuring": 2, "Rendering": 4}
 HELP = "figure 8: alpha"
 DESCRIPTION = (
     "Place the vertices of one surface by several alphas, and measure how smooth it is and how far it moves. "
-    "Needs --threshold or --label; on a label with --smoothing none alpha does nothing."
+    "Needs --threshold or --label; on a label with --smoothing none alpha has no effect."
 )
 
 

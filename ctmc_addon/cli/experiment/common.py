@@ -19,10 +19,11 @@ from ...core import (
     equal_part,
     measure,
     reconstruct_steps,
+    sizes_text,
 )
 from ...core.mesh import SAMPLES, SEED, OneWayDistance, ReferenceSurface, SurfaceDistance, surface_distance_steps
-from ..arguments import UsageError, add_input, add_settings, add_work, command_of, settings_from
 from ..commands.reconstruct import input_steps
+from ..flags.arguments import UsageError, add_input, add_settings, add_work, command_of, settings_from
 from ..terminal import Progress, dimensions
 from .table import Row, plain, unique
 
@@ -106,7 +107,7 @@ def facts_of(
     """Return input, settings and notes, by name."""
     spacing = [round(gap, 4) for gap in volume.spacing]
     facts = [
-        ("input", f"{volume.name}, {dimensions(volume.size)} voxels of {dimensions(spacing)} mm"),
+        ("input", f"{volume.name}, {dimensions(volume.size)} voxels of {sizes_text(spacing, digits=6)}"),
         ("settings", f"{command_of(settings) or 'the defaults'} (surface at {threshold:.6g})"),
     ]
     if volume.reader.own_bytes:

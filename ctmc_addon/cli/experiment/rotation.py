@@ -11,8 +11,8 @@ from typing import Any
 
 from ...blender.figure.spec import ENGINES
 from ...core import SETTINGS, SIMPLIFICATION, CtmcError, TriangleMesh
-from ..arguments import UsageError, at_least, flag_of, given_settings
-from ..blender_host import blender_at_work, quiet_steps, require_blender
+from ..flags.arguments import UsageError, at_least, flag_of, given_settings
+from ..machine.blender_host import blender_at_work, quiet_steps, require_blender
 from ..terminal import dimensions
 from .common import Work, add_levels, facts_of, settings_of
 from .plot import Plot, series

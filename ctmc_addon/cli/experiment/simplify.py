@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ...core import SIMPLIFICATION, Step, Steps, TriangleMesh, simplify
-from ..arguments import at_least
-from ..blender_host import blender_at_work, require_blender
+from ..flags.arguments import at_least
+from ..machine.blender_host import blender_at_work, require_blender
 from .common import (
     MEASURING,
     Work,

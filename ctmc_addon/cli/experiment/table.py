@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core.files.atomic_write import csv_text, write_json, write_text
-from ..machine import machine, versions
+from ..machine.machine import machine, versions
 from ..terminal import listing, table
 from .plot import Plot
 

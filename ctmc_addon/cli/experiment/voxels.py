@@ -24,7 +24,7 @@ from ...core import (
 )
 from ...core.mesh import SurfaceDistance
 from ...reporting.parse import parsed_stride
-from ..arguments import at_least, flags_checked
+from ..flags.arguments import at_least, flags_checked
 from ..terminal import dimensions
 from .common import MEASURING, Work, distance_cells, distances_steps, facts_of, measured, settings_of, way_cells
 from .plot import Plot, series
@@ -86,7 +86,7 @@ def table_of(args: argparse.Namespace, work: Work, _folder: Path) -> ExperimentT
         ("seconds", f"{runs_text(args.repeats)}, after one that is not counted; a run repeats "),
         ("", f"the reconstruction until {RUN_SECONDS:g} s have passed and is the median of that"),
         ("timed", f"{timed}; neither reading nor writing"),
-        ("preparing", "labels, smoothing and Otsu's threshold, pixel by pixel whatever the stride: beside it"),
+        ("preparing", "labels, smoothing and Otsu's threshold, pixel by pixel whatever the stride, in its own column"),
         ("compared", "time, volume and surface with a stride of 1 x 1 pixel in x and y"),
         MEASURING,
     ]

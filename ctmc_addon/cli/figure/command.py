@@ -11,10 +11,10 @@ from typing import Any
 
 from ...blender.figure.spec import Cell
 from ...core import Budget, Reconstruction, Stages
-from ..arguments import Parser
-from ..blender_host import quiet_steps, require_blender
 from ..commands.reconstruct import input_steps
-from ..solid_flags import add_solid, settings_labels_and_solid
+from ..flags.arguments import Parser
+from ..flags.solid import add_solid, settings_labels_and_solid
+from ..machine.blender_host import quiet_steps, require_blender
 from ..surfaces import open_words, surfaces_steps
 from ..terminal import Progress
 from . import common, sheet, turntable

@@ -34,7 +34,7 @@ from ...core.files.input_files import plan_output
 from ...core.solid import SolidRequest
 from ...core.volume import ALL, ValueKind
 from ...reporting.captions import figure_caption
-from ..arguments import (
+from ..flags.arguments import (
     UsageError,
     add_input,
     add_opacity,
@@ -45,10 +45,10 @@ from ..arguments import (
     settings_and_labels,
     with_flags,
 )
-from ..blender_host import objects_of, silence
-from ..described_flags import add_described, add_flag
-from ..map_flags import AskedMaps, add_maps, asked_maps
-from ..solid_flags import NOTHING, may_have_parts
+from ..flags.described import add_described, add_flag
+from ..flags.maps import AskedMaps, add_maps, asked_maps
+from ..flags.solid import NOTHING, may_have_parts
+from ..machine.blender_host import objects_of, silence
 from ..surfaces import Surfaces, explode_of, may_be_several
 from ..terminal import dimensions, listing, titled
 
@@ -255,9 +255,9 @@ def shown_of(
     )
     require_opacities(args.opacities, ((result.settings.label or 0, result.label_name) for result in results))
     with objects_of(results, names=names, opacities=opacities_of(results)) as (scene, objects, shown):
-        chosen, clear = chosen_opacities(results, args.opacities), Transparency(**values_of(args, Transparency))
+        opacities, clear = chosen_opacities(results, args.opacities), Transparency(**values_of(args, Transparency))
         with silence():  # most of this is NumPy, which an interrupt may end
-            cell = shown_surfaces(objects, scene, style, names, chosen, clear, exploded_by(args))
+            cell = shown_surfaces(objects, scene, style, names, opacities, clear, exploded_by(args))
         yield scene, cell, shown
 
 

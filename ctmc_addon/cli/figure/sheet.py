@@ -8,11 +8,11 @@ from pathlib import Path
 
 from ...blender.figure.spec import Comparison
 from ...core import Budget, Stages, length_text, one_way_text, volume_text
-from ..arguments import flags_checked
-from ..blender_host import quiet_steps, require_blender
 from ..commands.reconstruct import input_steps
-from ..described_flags import add_described
 from ..experiment.voxels import sides_of
+from ..flags.arguments import flags_checked
+from ..flags.described import add_described
+from ..machine.blender_host import quiet_steps, require_blender
 from ..terminal import Progress, table
 from . import common
 

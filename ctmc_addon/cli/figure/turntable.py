@@ -8,11 +8,11 @@ from pathlib import Path
 
 from ...blender.figure.spec import Cell, Turn
 from ...core import Budget, Stages
-from ..arguments import flags_checked
-from ..blender_host import quiet_steps, require_blender
 from ..commands.reconstruct import input_steps
-from ..described_flags import add_described
-from ..solid_flags import add_solid, settings_labels_and_solid
+from ..flags.arguments import flags_checked
+from ..flags.described import add_described
+from ..flags.solid import add_solid, settings_labels_and_solid
+from ..machine.blender_host import quiet_steps, require_blender
 from ..surfaces import surfaces_steps
 from ..terminal import Progress, dimensions
 from . import common

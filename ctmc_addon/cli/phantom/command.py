@@ -7,12 +7,12 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ...core import Stages, Step, Steps, descriptions, equal_part, volume_text
+from ...core import Stages, Step, Steps, descriptions, equal_part, sizes_text, volume_text
 from ...core.files.atomic_write import create_folder, require_writable, write_json
 from ...core.phantom import Phantom, phantom_steps
 from ...readers import ReadingOptions
-from ..arguments import add_quiet, at_least
-from ..described_flags import Numbers, value_reader
+from ..flags.arguments import add_quiet, at_least
+from ..flags.described import Numbers, value_reader
 from ..terminal import Progress, dimensions, listing
 from .files import WRITERS, require_own_slices
 
@@ -28,7 +28,9 @@ def add_parser(commands: Any) -> None:
         "thickness, as in a scanner; a voxel takes the label at its center.",
     )
     parser.add_argument("folder", metavar="DIR", help="output folder, created if needed")
-    parser.add_argument("--slices", type=at_least(3), default=29, metavar="N", help="3 or more (default 29)")
+    parser.add_argument(
+        "--slices", type=at_least(3), default=29, metavar="N", help="Number of slices, 3 or more (default 29)"
+    )
     parser.add_argument(
         "--size", type=at_least(16), default=512, metavar="N", help="rows and columns, 16 or more (default 512)"
     )
@@ -38,7 +40,7 @@ def add_parser(commands: Any) -> None:
         most=3,
         type=value_reader("spacing", descriptions(ReadingOptions)["spacing"]),
         metavar="X Y Z",
-        help="mm (default: a field of view of 379 mm, and slices at most 5 mm apart over 145 mm)",
+        help="Distance between samples (mm; default: a field of view of 379 mm, 145 mm of slices at most 5 mm apart)",
     )
     parser.add_argument("--format", choices=FORMATS, default="all", help="files to write (default all)")
     parser.add_argument("--seed", type=at_least(0), default=0, metavar="N", help="random seed, 0 or more (default 0)")
@@ -58,7 +60,7 @@ def run(args: argparse.Namespace) -> None:
         phantom = progress.finish(stages.run("Making the phantom", steps))
         written = progress.finish(stages.run("Writing", write_phantom_steps(phantom, folder, formats)))
     volumes = ", ".join(map(volume_text, phantom.tumour_volumes_mm3))
-    shape = f"{dimensions(phantom.volume.size)}, {dimensions(phantom.volume.spacing)} mm"
+    shape = f"{dimensions(phantom.volume.size)}, {sizes_text(phantom.volume.spacing, digits=6)}"
     print(
         listing(
             [

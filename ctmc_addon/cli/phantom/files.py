@@ -21,7 +21,7 @@ from ...core.files.atomic_write import create_folder, whole_file
 from ...core.phantom import Phantom
 from ...core.volume import Volume, transform_points
 
-WINDOW = (-160, 240)  # HU that become 0 and 255 of a PNG
+WINDOW = (-160, 240)  # These HU become 0 and 255 in a PNG.
 CT_IMAGE_STORAGE = "1.2.840.10008.5.1.4.1.1.2"
 
 

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import Step, Steps, Volume
+from ...core import Step, Steps, Volume, sizes_text
 from ...core.files.atomic_write import require_writable, whole_file
 from ...core.phantom import FOAM_THRESHOLD, foam
-from ..arguments import add_quiet, at_least
+from ..flags.arguments import add_quiet, at_least
 from ..terminal import Progress, dimensions, listing
 from .files import library
 
@@ -30,14 +30,16 @@ def add_parser(commands: Any) -> None:
         description="Make a uint8 CT of an open foam slice by slice, so that any size needs little memory.",
     )
     parser.add_argument("output", metavar="OUTPUT", help=f"{' or '.join(SUFFIXES)}; its folder must exist")
-    parser.add_argument("--slices", type=at_least(2), default=256, metavar="N", help="2 or more (default 256)")
+    parser.add_argument(
+        "--slices", type=at_least(2), default=256, metavar="N", help="Number of slices, 2 or more (default 256)"
+    )
     parser.add_argument(
         "--size", type=at_least(2), default=256, metavar="N", help="rows and columns, 2 or more (default 256)"
     )
     parser.add_argument(
         "--pore", type=at_least(4), default=64, metavar="N", help="width of a pore in voxels, 4 or more (default 64)"
     )
-    parser.add_argument("--seed", type=at_least(0), default=0, metavar="N", help="0 or more (default 0)")
+    parser.add_argument("--seed", type=at_least(0), default=0, metavar="N", help="Random seed, 0 or more (default 0)")
     add_quiet(parser)
     parser.set_defaults(run=run)
 
@@ -52,7 +54,7 @@ def run(args: argparse.Namespace) -> None:
         else:
             _write_tiff(volume, temporary)
     facts = [
-        ("foam", f"{dimensions(volume.size)}, {dimensions(volume.spacing)} mm, seed {args.seed}"),
+        ("foam", f"{dimensions(volume.size)}, {sizes_text(volume.spacing, digits=6)}, seed {args.seed}"),
         ("threshold", f"{FOAM_THRESHOLD:g}"),
         ("written", path.name),
     ]

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Change: the components of a label at two times, matched and compared."""
+"""Match and compare the components of a label at two times."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Compare labels at two times in one frame of reference: which components are new, gone, grown, shrunk, merged, split.
+"""Compare labels at two times in one frame of reference: find new, gone, grown, shrunk, merged and split components.
 
 Volumes and diameters are those of the surfaces. Components are matched by the overlap of their samples (matching.py);
-those that overlaps connect are one row.
+components connected by overlaps form one row.
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ import numpy as np
 from ..arrays import Doubles
 from ..errors import LabelError, MeshError, SettingsError, ThresholdError, VolumeError
 from ..machine.budget import Budget
+from ..measures.reconstruction import Reconstruction
+from ..measures.units import length_text, mm_text, number_text
 from ..progress import Stages, Steps, equal_part, finish
-from ..reconstruction import Reconstruction
 from ..settings import ReconstructionSettings
 from ..surfaces.make import make_surfaces_steps
 from ..surfaces.request import MadeSurface, SurfaceRequest
@@ -27,25 +28,25 @@ from ..volume.volume import Box, Volume
 from .components import Component, MeasuredLabel, Point, measured_label_steps
 from .distance import with_distance_steps
 from .label_pairs import LabelPair, label_pairs_steps
-from .limits import IN_VIEW, ChangeLimits, Status
+from .limits import IN_VIEW, ChangeLimits, ChangeStatus
 from .matching import matches_steps
 
-STAGES = {"Finding the labels": 1, "Reconstructing before": 8, "Reconstructing after": 8, "Comparing": 6}
+STAGES = {"Finding the labels": 1, "Reconstructing earlier labels": 8, "Reconstructing later labels": 8, "Comparing": 6}
 
 
 @dataclass(frozen=True)
 class ChangeRow:
-    """A component of a label at two times; several where it has merged or split.
+    """A component of a label at two times, or several components that merged or split.
 
     Parameters
     ----------
     name : str
         Name of the label.
     label : int
-        Number of the label, in the later volume if that has it.
-    status : Status
+        Number of the label, in the later volume if it has the label.
+    status : ChangeStatus
     before, after : tuple of Component
-        One of both is empty where the component is new, gone or outside.
+        One is empty if the component is new, gone or outside.
     days : float, optional
         Days between the volumes.
     distance_mm : (low, high) float, optional
@@ -54,7 +55,7 @@ class ChangeRow:
 
     name: str
     label: int
-    status: Status
+    status: ChangeStatus
     before: tuple[Component, ...]
     after: tuple[Component, ...]
     days: float | None = None
@@ -62,33 +63,33 @@ class ChangeRow:
 
     @property
     def volume_before_mm3(self) -> float | None:
-        """The sum of the earlier volumes: 0 for a new component, None for one outside of the earlier volume."""
+        """Sum of the earlier volumes: 0 for a new component, None for one outside of the earlier volume."""
         return self._volume_mm3(self.before)
 
     @property
     def volume_after_mm3(self) -> float | None:
-        """The sum of the later volumes: 0 for a component that is gone, None for one outside of the later volume."""
+        """Sum of the later volumes: 0 for a component that is gone, None for one outside of the later volume."""
         return self._volume_mm3(self.after)
 
     @property
     def percent(self) -> float | None:
-        """The change of the volume as a share of the earlier one, in percent; None without an earlier one."""
+        """Change of the volume in percent of the earlier one; None without an earlier one."""
         first, last = self.volume_before_mm3, self.volume_after_mm3
         return (last / first - 1) * 100 if first and last is not None else None
 
     @property
     def diameter_before_mm(self) -> float | None:
-        """The largest of the earlier diameters; 0 and None as of the volume, None also without a surface."""
+        """Largest of the earlier diameters; 0 and None as for the volume, None also without a surface."""
         return self._diameter_mm(self.before)
 
     @property
     def diameter_after_mm(self) -> float | None:
-        """The largest of the later diameters; 0 and None as of the volume, None also without a surface."""
+        """Largest of the later diameters; 0 and None as for the volume, None also without a surface."""
         return self._diameter_mm(self.after)
 
     @property
     def doubling_time_days(self) -> float | None:
-        """Days in which the volume doubles at constant growth; None if it does not grow or the days are not known.
+        """Days in which the volume doubles at constant growth; None if it does not grow or `days` is None.
 
         Schwartz 1961, doi:10.1002/1097-0142(196111/12)14:6<1272::AID-CNCR2820140618>3.0.CO;2-H.
         """
@@ -99,20 +100,20 @@ class ChangeRow:
 
     @property
     def center_mm(self) -> Point:
-        """The mean position of the samples of the later components, else of the earlier ones, RAS+ mm."""
+        """Mean position of the samples of the later components, else of the earlier ones, RAS+ mm."""
         components = self.after or self.before
         total = sum(each.voxels for each in components)
         x, y, z = (sum(each.center_mm[axis] * each.voxels for each in components) / total for axis in range(3))
         return x, y, z
 
     def _volume_mm3(self, components: Sequence[Component]) -> float | None:
-        if not components and self.status == Status.OUTSIDE:
+        if not components and self.status == ChangeStatus.OUTSIDE:
             return None
         return float(sum(each.volume_mm3 for each in components))
 
     def _diameter_mm(self, components: Sequence[Component]) -> float | None:
         if not components:
-            return None if self.status == Status.OUTSIDE else 0.0
+            return None if self.status == ChangeStatus.OUTSIDE else 0.0
         return max((each.diameter_mm for each in components if each.diameter_mm is not None), default=None)
 
 
@@ -124,8 +125,8 @@ class ComparedLabel:
     ----------
     name : str
     before, after : Reconstruction or None
-        None where the volume lacks the label, or it has no surface there. The later one has the map
-        distance_earlier_mm: its signed distance to the earlier one.
+        None if the volume lacks the label or it has no surface. The later surface has the map distance_earlier_mm, its
+        signed distance to the earlier one.
     """
 
     name: str
@@ -135,15 +136,15 @@ class ComparedLabel:
 
 @dataclass(frozen=True, eq=False)
 class LabelChanges:
-    """All that has changed.
+    """The changes of labels.
 
     Parameters
     ----------
     rows : tuple of ChangeRow
-        Label by label, in each the later components by size, then those that are gone.
+        Sorted by label, then the later components by size, then components that are gone.
     labels : tuple of ComparedLabel
     notes : tuple of str
-        The limits, and what was assumed, in sentences.
+        Sentences about the limits and the assumptions.
     """
 
     rows: tuple[ChangeRow, ...]
@@ -167,14 +168,14 @@ def compare_labels(
     before, after : Volume
         Label volumes in one frame of reference (RAS+ mm), on any two grids.
     settings : ReconstructionSettings, optional
-        Settings of every surface, without their label; a region is in mm unless the grids are the same.
+        Settings of every surface; their label is ignored. A region is in mm unless the grids are the same.
     labels : sequence of int or str, optional
         Numbers, names or 'all'; by default all. A name may have another number in each volume.
     days : float, optional
         Days between the volumes, for the doubling time.
     limits : ChangeLimits, optional
     budget : Budget, optional
-        Threads and memory; by default what the machine has. The result does not depend on it.
+        Threads and memory; by default those of the machine. The result does not depend on it.
 
     Raises
     ------
@@ -185,7 +186,7 @@ def compare_labels(
     SettingsError
         For days that are not above 0, a threshold, or a region in voxels of two grids.
     CtmcError
-        As `reconstruct`.
+        For the reasons of `reconstruct`.
 
     Examples
     --------
@@ -209,7 +210,7 @@ def compare_labels_steps(
     limits: ChangeLimits | None = None,
     budget: Budget | None = None,
 ) -> Steps[LabelChanges]:
-    """`compare_labels` as steps; closing the generator cancels."""
+    """Compare labels as `compare_labels` does, in steps; closing the generator cancels."""
     settings, limits, budget = settings or ReconstructionSettings(), limits or ChangeLimits(), budget or Budget()
     _require_comparable(before, after, settings, days)
     boxes = region_box(before, settings), region_box(after, settings)
@@ -238,10 +239,10 @@ def compare_labels_steps(
             mapped = yield from stages.run(comparing, equal_part(mapping, 3 * at + 1, 3 * len(pairs)))
             both = replace(both, after=mapped)
         matching = _rows_steps(pair, *measured, both, limits, days)
-        found = yield from stages.run(comparing, equal_part(matching, 3 * at + 2, 3 * len(pairs)))
-        rows += found
+        label_rows = yield from stages.run(comparing, equal_part(matching, 3 * at + 2, 3 * len(pairs)))
+        rows += label_rows
         compared.append(both)
-        notes += _notes_of(pair, found, *measured)
+        notes += _notes_of(pair, label_rows, *measured)
     own_notes = _shared_notes((before, after), surfaces)
     return LabelChanges(tuple(rows), tuple(compared), (limits.sentence, *own_notes, *notes))
 
@@ -258,12 +259,12 @@ def _require_comparable(before: Volume, after: Volume, settings: ReconstructionS
     apart = np.maximum(low[0], low[1]) - np.minimum(high[0], high[1])
     if apart.max() > 0:
         spans = [
-            ", ".join(f"{name} {a:.0f} to {b:.0f}" for name, a, b in zip("xyz", *ends, strict=True))
+            ", ".join(f"{name} {number_text(a, 3)} to {mm_text(b, 3)}" for name, a, b in zip("xyz", *ends, strict=True))
             for ends in zip(low, high, strict=True)
         ]
         raise VolumeError(
-            f"the volumes lie {apart.max():.0f} mm apart (before: {spans[0]} mm; after: {spans[1]} mm), so nothing "
-            "overlaps; give volumes of one frame of reference, or register them first"
+            f"the volumes lie {length_text(float(apart.max()), 3)} apart (before: {spans[0]}; after: {spans[1]}), so "
+            "nothing overlaps; give volumes of one frame of reference, or register them first"
         )
 
 
@@ -323,7 +324,7 @@ def _rows_steps(
 
 
 def _distance_mm(both: ComparedLabel, after: MeasuredLabel, members: Sequence[int]) -> tuple[float, float] | None:
-    """Return the lowest and the highest value of the distance map on some of the later components."""
+    """Return the lowest and the highest value of the distance map on these later components."""
     if both.after is None or not both.after.maps:
         return None
     values = both.after.maps[0].values[np.isin(after.of_vertex, members)]
@@ -332,11 +333,11 @@ def _distance_mm(both: ComparedLabel, after: MeasuredLabel, members: Sequence[in
 
 
 def _shared_notes(volumes: tuple[Volume, Volume], surfaces: Sequence[dict[int, Reconstruction]]) -> list[str]:
-    """Return the notes of both volumes and their surfaces; those of one begin with which it is."""
+    """Return the notes of both volumes and their surfaces; a note of only one begins with Before or After."""
     each = []
     for volume, results in zip(volumes, surfaces, strict=True):
         own_notes = [result.notes for result in results.values()] or [volume.notes]
-        each.append([note for note in own_notes[0] if all(note in others for others in own_notes)])
+        each.append([note for note in own_notes[0] if all(note in notes for notes in own_notes)])
     first, last = each
     shared = [note for note in first if note in last]
     own = [(word, note) for word, notes in (("Before", first), ("After", last)) for note in notes]
@@ -344,34 +345,34 @@ def _shared_notes(volumes: tuple[Volume, Volume], surfaces: Sequence[dict[int, R
 
 
 def _notes_of(pair: LabelPair, rows: Sequence[ChangeRow], before: MeasuredLabel, after: MeasuredLabel) -> list[str]:
-    """Return what a reader of the rows must know."""
+    """Return the notes on the rows of a label."""
     notes = []
     for when, label in (("before", before), ("after", after)):
         small = [each for each in label.components if each.diameter_mm is None]
         opened = [each for each in label.components if each.diameter_mm is not None and not each.closed]
         if small:
             notes.append(
-                f"{_count(small)} of {pair.name} {when}: too small for a surface; the volume is of the voxels."
+                f"{_count(small)} of {pair.name} {when}: too small for a surface, so the volume is that of the voxels."
             )
         if opened:
             notes.append(
                 f"{_count(opened)} of {pair.name} {when}: open at the border of the volume or region, so the volume is "
-                "of the voxels; close_border closes the surface."
+                "that of the voxels; close_border closes the surface."
             )
         if label.dropped:
             notes.append(f"{label.dropped} small components of {pair.name} {when} are dropped, as the settings ask.")
     for row in rows:
-        if row.status in (Status.MERGED, Status.SPLIT):
+        if row.status in (ChangeStatus.MERGED, ChangeStatus.SPLIT):
             notes.append(f"{pair.name}: {_named(row.before)} (before) {row.status} into {_named(row.after)} (after).")
-    outside = [row for row in rows if row.status == Status.OUTSIDE]
+    outside = [row for row in rows if row.status == ChangeStatus.OUTSIDE]
     if outside:
         notes.append(f"{pair.name}: {len(outside)} outside, where the other volume has no samples.")
     if before.components and after.components and not any(row.before and row.after for row in rows):
         ends = [np.array([each.center_mm for each in label.components]) for label in (before, after)]
         nearest = math.sqrt(min(float(((ends[1] - at) ** 2).sum(axis=1).min()) for at in ends[0]))
         notes.append(
-            f"{pair.name}: no later component overlaps an earlier one; the nearest centers are {nearest:.1f} mm apart. "
-            "Check that both volumes are in one frame of reference."
+            f"{pair.name}: no later component overlaps an earlier one; the nearest centers are "
+            f"{length_text(nearest, 3)} apart. Check that both volumes are in one frame of reference."
         )
     return notes
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Measure each component of a label: volume and largest diameter of its surface, and the samples that it has.
+"""Measure each component of a label: its samples, and the volume and largest diameter of its surface.
 
 Samples are connected along the axes, as the surface connects them (smoothing/label_components.py). A component of the
-surface, with the walls of its cavities, belongs to the samples that its vertices lie next to. Where a surface connects
-components of the samples, as a Gaussian does, they are one.
+surface, with the walls of its cavities, belongs to the samples next to its vertices. If the surface connects components
+of the samples, as a Gaussian does, they count as one.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ..volume.affine import to_index, transform_points
 from ..volume.labels.extents import label_extent_steps, layer_of_label_steps
 from ..volume.volume import Box, Volume
 
-AT_ONCE = 1 << 18  # Look up this many vertices in one go.
+AT_ONCE = 1 << 18  # Look up this many vertices at once.
 Point = tuple[float, float, float]
 
 
@@ -36,10 +36,10 @@ class Component:
     Parameters
     ----------
     number : int
-        From 1 on, the one with the most samples first.
+        From 1 on, beginning with the component with the most samples.
     voxels : int
     volume_mm3 : float
-        Volume that its surface encloses; without a closed surface that of its samples.
+        Volume enclosed by its surface; without a closed surface, that of its samples.
     diameter_mm : float or None
         Largest diameter of its surface; None without one.
     center_mm : (x, y, z) float
@@ -66,17 +66,17 @@ class MeasuredLabel:
     components : tuple of Component
         In the order of their numbers.
     runs : LabelComponents
-        Samples, by slice, row and column of the volume; its components are positions in `components`.
+        Runs of samples by slice, row and column of the volume; their components are positions in `components`.
     box : Box
-        Smallest box of the volume around the samples; empty without any.
+        Smallest box around the samples; empty without samples.
     numbers : (slices, rows, columns) int32
-        In that box the position in `components` of each sample, -1 for others.
+        Position in `components` of each sample in that box; -1 for samples of no component.
     mesh : TriangleMesh or None
         Surface of all components, RAS+ mm.
     of_vertex : (V,) int32
-        The position in `components` of each vertex of the mesh, -1 for none.
+        Position in `components` of each vertex of the mesh; -1 for none.
     dropped : int
-        Components without a surface that were left out.
+        Number of components that were left out because they have no surface.
     """
 
     volume: Volume
@@ -100,7 +100,7 @@ def measured_label_steps(
     label : int or None
         None for a volume that lacks it.
     region : Box
-        Part of the volume that is looked at.
+        Part of the volume to measure.
     mesh : TriangleMesh or None
         Surface of the label, RAS+ mm.
     drop : bool
@@ -122,10 +122,10 @@ def measured_label_steps(
     bodies = np.empty(0, np.int32)
     if mesh is not None:
         bodies = yield from _bodies_steps(mesh)
-        near = yield from _near_steps(volume, mesh, (yield from numbers_steps(runs, shape)), (x, y, z))
+        near = yield from _near_steps(volume, mesh, (yield from _numbers_steps(runs, shape)), (x, y, z))
         runs, bodies = yield from _joined_steps(runs, mesh, bodies, near)
     runs, bodies, dropped = _by_size(runs, bodies, drop)
-    numbers = yield from numbers_steps(runs, shape)
+    numbers = yield from _numbers_steps(runs, shape)
     runs = runs.moved(z, y, x)
     of_vertex = np.empty(0, np.int32)
     if mesh is not None:
@@ -134,8 +134,8 @@ def measured_label_steps(
     return MeasuredLabel(volume, components, runs, extent.box, numbers, mesh, of_vertex, dropped)
 
 
-def numbers_steps(runs: LabelComponents, shape: tuple[int, int, int]) -> Steps[NDArray[np.int32]]:
-    """Return the component of every sample of a grid, (slices, rows, columns) int32, -1 where there is none."""
+def _numbers_steps(runs: LabelComponents, shape: tuple[int, int, int]) -> Steps[NDArray[np.int32]]:
+    """Return the component of every sample of a grid, (slices, rows, columns) int32; -1 for none."""
     slices, rows, columns = shape
     numbers = np.empty(shape, np.int32)
     ends = np.searchsorted(runs.z, np.arange(slices + 1))
@@ -143,7 +143,7 @@ def numbers_steps(runs: LabelComponents, shape: tuple[int, int, int]) -> Steps[N
     for number in range(slices):
         own = slice(ends[number], ends[number + 1])
         turns = np.zeros(rows * columns + 1, np.int32)
-        turns[start[own]] += (runs.component[own] + 1).astype(np.int32)  # no two runs begin or end at one sample
+        turns[start[own]] += (runs.component[own] + 1).astype(np.int32)  # No two runs begin or end at one sample.
         turns[stop[own]] -= (runs.component[own] + 1).astype(np.int32)
         numbers[number] = np.cumsum(turns[:-1], dtype=np.int32).reshape(rows, columns) - 1
         if number % 16 == 0:
@@ -157,7 +157,7 @@ def _shape(box: Box) -> tuple[int, int, int]:
 
 
 def _bodies_steps(mesh: TriangleMesh) -> Steps[NDArray[np.int32]]:
-    """Return the body of every triangle, (F,), numbered from 0 on."""
+    """Return the number of every triangle's body, (F,), from 0 on."""
     owner = yield from bodies_steps(Surface(mesh.vertices, mesh.vertices, mesh.faces), 1.0)
     return np.unique(owner, return_inverse=True)[1].astype(np.int32)
 
@@ -165,9 +165,9 @@ def _bodies_steps(mesh: TriangleMesh) -> Steps[NDArray[np.int32]]:
 def _near_steps(
     volume: Volume, mesh: TriangleMesh, numbers: NDArray[np.int32], origin: tuple[int, int, int]
 ) -> Steps[NDArray[np.int32]]:
-    """Return the component of the nearest sample around every vertex, (V,), -1 where none of the eight has one.
+    """Return the component of the nearest of the eight samples around every vertex, (V,); -1 if none has one.
 
-    `numbers` are those of a box whose first sample is `origin` (x, y, z).
+    `numbers` holds the components in a box whose first sample is `origin` (x, y, z).
     """
     near = np.full(len(mesh.vertices), -1, np.int32)
     sides = np.array(volume.spacing) ** 2
@@ -194,10 +194,10 @@ def _near_steps(
 def _joined_steps(
     runs: LabelComponents, mesh: TriangleMesh, bodies: NDArray[np.int32], near: NDArray[np.int32]
 ) -> Steps[tuple[LabelComponents, NDArray[np.int32]]]:
-    """Join what surface and samples connect; returns the runs, and the component of each triangle, (F,), -1 for none.
+    """Join components connected by the surface; return the runs, and each triangle's component (F,), -1 for none.
 
-    A body belongs to the component that most of its vertices lie at, and a component to the body that most of the
-    vertices at it belong to.
+    A body belongs to the component next to most of its vertices, and a component to the body that has most of the
+    vertices next to it.
     """
     count, body_count = len(runs.voxels), int(bodies.max(initial=-1)) + 1
     body_of = components_of_vertices(mesh.faces, bodies, len(near)).astype(np.int64)
@@ -213,12 +213,12 @@ def _joined_steps(
         runs, component=number[runs.component].astype(np.int64), voxels=voxels, label=np.ones(len(names), bool)
     )
     place = np.searchsorted(names, root[count:])
-    found = (place < len(names)) & (names[np.minimum(place, len(names) - 1)] == root[count:])
-    return joined, np.where(found, place, -1).astype(np.int32)[bodies]
+    is_member = (place < len(names)) & (names[np.minimum(place, len(names) - 1)] == root[count:])
+    return joined, np.where(is_member, place, -1).astype(np.int32)[bodies]
 
 
 def _with_most(key: Indices, votes: Indices) -> NDArray[np.bool_]:
-    """Return which entries have the most votes of those with their key; of equal ones the first."""
+    """Return whether each entry has the most votes among those with its key; of equal entries only the first."""
     order = np.lexsort((np.arange(len(key)), -votes, key))
     first = np.concatenate([[True], key[order][1:] != key[order][:-1]])[: len(key)]
     most = np.zeros(len(key), bool)
@@ -229,13 +229,13 @@ def _with_most(key: Indices, votes: Indices) -> NDArray[np.bool_]:
 def _by_size(
     runs: LabelComponents, bodies: NDArray[np.int32], drop: bool
 ) -> tuple[LabelComponents, NDArray[np.int32], int]:
-    """Number components from the one with the most samples on; `drop` those without triangles, and count them."""
+    """Number components by samples, the largest first; if `drop`, leave out those without triangles and count them."""
     count = len(runs.voxels)
     kept = np.ones(count, bool)
     if drop:
         kept = np.bincount(bodies[bodies >= 0], minlength=count) > 0
     order = np.argsort(-runs.voxels[kept], kind="stable")
-    number = np.full(count + 1, -1, np.int64)  # The last is for triangles of no component.
+    number = np.full(count + 1, -1, np.int64)  # The last entry is for triangles of no component.
     number[np.flatnonzero(kept)[order]] = np.arange(len(order))
     stays = kept[runs.component]
     z, y, start, stop = (along[stays] for along in (runs.z, runs.y, runs.start, runs.stop))
@@ -269,7 +269,7 @@ def _components_steps(
 
 
 def _mean_indices(runs: LabelComponents) -> Doubles:
-    """Return the mean (x, y, z) of the samples of every component, (components, 3); sums of whole numbers are exact."""
+    """Return the mean indices (x, y, z) of the samples of every component, (components, 3); integer sums are exact."""
     length = runs.stop - runs.start
     sums = (length * (runs.start + runs.stop - 1) / 2, length * runs.y, length * runs.z)
     return np.stack([np.bincount(runs.component, each, len(runs.voxels)) for each in sums], axis=1) / np.maximum(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Give the later surface of a label its signed distance to the earlier one, as a map."""
+"""Add the signed distance to the earlier surface of a label to the later one, as a map."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from ..machine.budget import Budget
 from ..maps.distance import DistanceTo
 from ..maps.make import mapped_steps
 from ..maps.request import MapRequest
+from ..measures.reconstruction import Reconstruction
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Steps
-from ..reconstruction import Reconstruction
 from ..settings import ReconstructionSettings
 from ..surfaces.extract import reconstruct_steps
 from ..volume.volume import Volume
 
-EARLIER = "earlier"  # The map is distance_earlier_mm.
+EARLIER = "earlier"  # The name of the map becomes distance_earlier_mm.
 
 
 def with_distance_steps(
     after: Reconstruction, before: TriangleMesh, volume: Volume, budget: Budget
 ) -> Steps[Reconstruction]:
-    """Return the later surface with the map distance_earlier_mm, or with a note if it cannot be worked out.
+    """Return the later surface with the map distance_earlier_mm, or with a note if it cannot be calculated.
 
     Parameters
     ----------
     after : Reconstruction
-        Surface in the later volume.
+        Surface from the later volume.
     before : TriangleMesh
         Earlier surface, RAS+ mm.
     volume : Volume

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Choose the labels of two volumes that are the same structure: by name where both have names, else by number."""
+"""Match the labels of two volumes that are the same structure: by name if both have names, else by number."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from ..volume.labels.extents import (
     ALL,
     Extents,
     chosen_labels_steps,
+    compared_name,
     existing_labels_steps,
     label_extents_steps,
     require_labels,
@@ -21,7 +22,7 @@ from ..volume.volume import Box, Volume
 
 
 class LabelPair(NamedTuple):
-    """A structure in two volumes, and its number in each; None in one that lacks it."""
+    """A structure in two volumes, with its number in each; None if a volume lacks it."""
 
     name: str
     before: int | None
@@ -42,14 +43,14 @@ class _Labels(NamedTuple):
 def label_pairs_steps(
     before: Volume, after: Volume, choices: Sequence[int | str], boxes: tuple[Box, Box], threads: int | None = None
 ) -> Steps[list[LabelPair]]:
-    """Return the structures that are chosen by number, by name or by the word "all", each once.
+    """Return the structures selected by number, by name or by the word "all", each once.
 
     Parameters
     ----------
     before, after : Volume
     choices : sequence of int or str
     boxes : (before, after) of Box
-        Parts that are looked at.
+        Parts of the volumes to search.
     threads : int, optional
 
     Raises
@@ -57,7 +58,7 @@ def label_pairs_steps(
     AbsentLabelError
         If both volumes lack a label.
     LabelError
-        If a name is asked for and none of the labels has one, or a volume holds HU.
+        If a choice is a name and no label has a name, or a volume holds HU.
     """
     sides = []
     for volume, box in zip((before, after), boxes, strict=True):
@@ -72,43 +73,43 @@ def label_pairs_steps(
             numbers = yield from _called_steps(before, after, choice)
         else:
             numbers = [choice], [choice]
-        found = _paired(first, last, *numbers, by_name=isinstance(choice, str))
-        if not found:
+        choice_pairs = _paired(first, last, *numbers, by_name=isinstance(choice, str))
+        if not choice_pairs:
             raise (yield from _absent_steps(first, last, choice))
-        pairs |= {(pair.before, pair.after): pair for pair in found}
+        pairs |= {(pair.before, pair.after): pair for pair in choice_pairs}
     return list(pairs.values())
 
 
 def _paired(
     first: _Labels, last: _Labels, before: Sequence[int], after: Sequence[int], by_name: bool
 ) -> list[LabelPair]:
-    """Return the pairs of labels that at least one of the volumes has."""
+    """Return the pairs of labels; in a pair, one volume may lack the label."""
     left = [number for number in before if number in first.extents]
     pairs: list[tuple[int | None, int | None]] = []
     for number in after:
         if number in last.extents:
             partner = _partner(last.volume, number, first.volume) if by_name else number
-            found = partner in left
-            if found:
+            is_paired = partner in left
+            if is_paired:
                 left.remove(partner)
-            pairs.append((partner if found else None, number))
+            pairs.append((partner if is_paired else None, number))
     pairs += [(number, None) for number in left]
     return [LabelPair(_name(first.volume, last.volume, *pair), *pair) for pair in pairs]
 
 
-def _partner(volume: Volume, number: int, other: Volume) -> int:
-    """Return the number in the other volume of a label with the same name; without names the same number."""
-    name = _plain(volume.label_names.get(number, ""))
-    called = [one for one, own in other.label_names.items() if name and _plain(own) == name]
-    own = [one for one, other_name in volume.label_names.items() if _plain(other_name) == name]
-    if len(called) == len(own) == 1:
-        return called[0]
-    other_name = _plain(other.label_names.get(number, ""))
-    return number if not (name and other_name) or name == other_name else -1
+def _partner(volume: Volume, number: int, second: Volume) -> int:
+    """Return the number of the label with the same name in a second volume; without names, the same number."""
+    name = compared_name(volume.label_names.get(number, ""))
+    partners = [each for each, text in second.label_names.items() if name and compared_name(text) == name]
+    namesakes = [each for each, text in volume.label_names.items() if compared_name(text) == name]
+    if len(partners) == len(namesakes) == 1:
+        return partners[0]
+    second_name = compared_name(second.label_names.get(number, ""))
+    return number if not (name and second_name) or name == second_name else -1
 
 
 def _called_steps(before: Volume, after: Volume, name: str) -> Steps[tuple[list[int], list[int]]]:
-    """Return the labels with a name in both volumes; one without any names takes the other's numbers."""
+    """Return the labels with a name in both volumes; a volume without names takes the numbers of the other one."""
     numbers: list[list[int] | None] = []
     errors: list[LabelError] = []
     for volume in (before, after):
@@ -142,7 +143,3 @@ def _name(before: Volume, after: Volume, first: int | None, last: int | None) ->
     ]
     number = first if last is None else last
     return next((printable(name) for name in names if name), f"label {number}")
-
-
-def _plain(name: str) -> str:
-    return " ".join(name.casefold().replace("_", " ").split())

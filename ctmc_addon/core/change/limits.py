@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Limits that decide how a component has changed.
+"""Limits that decide whether a component has changed.
 
 A volume that differs by 25 % or more has changed: NELSON (van Klaveren et al. 2009, doi:10.1056/NEJMoa0906085) and the
 British Thoracic Society (Callister et al. 2015, doi:10.1136/thoraxjnl-2015-207168). RECIST 1.1 (Eisenhauer et al. 2009,
-doi:10.1016/j.ejca.2008.10.026) asks for 20 % more or 30 % less diameter, which of a ball is 73 % more or 66 % less
-volume. A few voxels are the noise of drawing: no change, whatever their share.
+doi:10.1016/j.ejca.2008.10.026) requires 20 % more or 30 % less diameter, which for a ball is 73 % more or 66 % less
+volume. A difference of a few voxels is drawing noise and not a change, whatever its share.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from enum import StrEnum
 from ..described import Described, setting
 from .components import Component
 
-IN_VIEW = 0.5  # A component is in a volume's field of view if that holds this share of its samples.
+IN_VIEW = 0.5  # A component is in a volume's field of view if the volume holds this share of its samples.
 
 
-class Status(StrEnum):
+class ChangeStatus(StrEnum):
     """How a component has changed."""
 
     NEW = "new"
@@ -30,7 +30,7 @@ class Status(StrEnum):
     MERGED = "merged"
     SPLIT = "split"
     OUTSIDE = "outside"
-    """Without a match, and not in the field of view of the other volume: nobody knows."""
+    """Without a match, and not in the field of view of the other volume, so the change is unknown."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ the smaller component.
 
     @property
     def sentence(self) -> str:
-        """The limits in words."""
+        """The limits as a sentence."""
         overlap = f"an overlap of at least {self.overlap_percent:g} % of the smaller component"
         return (
             f"Grown or shrunk: by {self.percent:g} % of the volume or more, and by more than {self.voxels} voxels. "
@@ -83,24 +83,24 @@ the smaller component.
 
     def status(
         self, before: Sequence[Component], after: Sequence[Component], voxel_mm3: float, in_view: bool
-    ) -> Status:
-        """Return the status of components that are matched.
+    ) -> ChangeStatus:
+        """Return the status of matched components.
 
         Parameters
         ----------
         before, after : sequence of Component
-            One of both may be empty.
+            One of the two may be empty.
         voxel_mm3 : float
             Volume of a voxel of the coarser grid.
         in_view : bool
             Whether components without a match are in the field of view of the other volume.
         """
         if not (before and after):
-            return Status.OUTSIDE if not in_view else Status.NEW if after else Status.GONE
+            return ChangeStatus.OUTSIDE if not in_view else ChangeStatus.NEW if after else ChangeStatus.GONE
         if len(before) > 1 or len(after) > 1:
-            return Status.SPLIT if len(after) > len(before) else Status.MERGED
+            return ChangeStatus.SPLIT if len(after) > len(before) else ChangeStatus.MERGED
         [first], [last] = before, after
         change = last.volume_mm3 - first.volume_mm3
         if abs(change) * 100 < self.percent * first.volume_mm3 or abs(change) <= self.voxels * voxel_mm3:
-            return Status.STABLE
-        return Status.GROWN if change > 0 else Status.SHRUNK
+            return ChangeStatus.STABLE
+        return ChangeStatus.GROWN if change > 0 else ChangeStatus.SHRUNK

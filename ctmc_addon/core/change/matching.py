@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Match the components of a label at two times by the overlap of their samples, in RAS+ mm.
 
-The grids may differ: each sample of the one is looked up in the other at its position, both ways, so that a component
-between the samples of a coarse grid is found too.
+The grids may differ. Each sample of either grid is looked up in the other one at its position, so that a component
+between the samples of a coarse grid is matched too.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from ..progress import PAUSE, Steps
 from ..volume.affine import index_to_index, transform_points
 from .components import MeasuredLabel
 
-AT_ONCE = 1 << 18  # Look up this many samples in one go.
+AT_ONCE = 1 << 18  # Look up this many samples at once.
 
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """Components that overlap.
+    """Groups of components that overlap.
 
     Parameters
     ----------
     groups : list of (before, after)
-        Positions of components that overlaps connect; one of both may be empty.
+        Positions of components connected by overlaps; one of the two may be empty.
     seen_before, seen_after : (components,) float64
-        Share of each component's samples that lie inside the other volume.
+        Share of each component's samples inside the other volume.
     """
 
     groups: list[tuple[tuple[int, ...], tuple[int, ...]]]
@@ -39,7 +39,7 @@ class Matches:
 
 
 def matches_steps(before: MeasuredLabel, after: MeasuredLabel, least_share: float) -> Steps[Matches]:
-    """Match components.
+    """Match the components of a label.
 
     Parameters
     ----------
@@ -52,11 +52,11 @@ def matches_steps(before: MeasuredLabel, after: MeasuredLabel, least_share: floa
     seen_after, back, samples_back = yield from _looked_up_steps(after, before)
     keys = np.concatenate([there[:, 0] * second + there[:, 1], back[:, 1] * second + back[:, 0]])
     shared_mm3 = np.concatenate([samples * before.volume.voxel_mm3, samples_back * after.volume.voxel_mm3])
-    one, other = np.divmod(keys, max(second, 1))
-    smaller = np.minimum(_voxels_mm3(before)[one], _voxels_mm3(after)[other])
+    at_first, at_second = np.divmod(keys, max(second, 1))
+    smaller = np.minimum(_voxels_mm3(before)[at_first], _voxels_mm3(after)[at_second])
     linked = shared_mm3 >= least_share * smaller
     groups = Groups(first + second)
-    for at, to in zip(one[linked].tolist(), other[linked].tolist(), strict=True):
+    for at, to in zip(at_first[linked].tolist(), at_second[linked].tolist(), strict=True):
         groups.join(at, first + to)
     parts = [
         (tuple(at for at in own if at < first), tuple(at - first for at in own if at >= first))
@@ -69,39 +69,39 @@ def _voxels_mm3(label: MeasuredLabel) -> Doubles:
     return np.array([each.voxels for each in label.components], np.float64) * label.volume.voxel_mm3
 
 
-def _looked_up_steps(label: MeasuredLabel, other: MeasuredLabel) -> Steps[tuple[Doubles, Indices, Indices]]:
-    """Return the share of each component inside the other volume, and pairs of components with the samples they share.
+def _looked_up_steps(label: MeasuredLabel, target: MeasuredLabel) -> Steps[tuple[Doubles, Indices, Indices]]:
+    """Return the share of each component inside the target's volume, overlapping pairs (n, 2), and their samples, (n,).
 
-    The pairs are (n, 2): a component of the label and one of the other.
+    A pair is a component of the label and one of the target.
     """
-    count, others = len(label.components), len(other.components)
-    found, shared = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
+    count, target_count = len(label.components), len(target.components)
+    pair_keys, shared = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
     seen = np.zeros(count, np.int64)
-    matrix = index_to_index(label.volume.affine, other.volume.affine)
-    size = np.array(other.volume.size)
-    box = np.array(other.box)  # (3, 2)
+    matrix = index_to_index(label.volume.affine, target.volume.affine)
+    size = np.array(target.volume.size)
+    box = np.array(target.box)  # (3, 2)
     runs = label.runs
     lengths = np.cumsum(runs.stop - runs.start)
     total = int(lengths[-1]) if len(lengths) else 0
     cuts = [0, *np.searchsorted(lengths, np.arange(AT_ONCE, total, AT_ONCE)).tolist(), len(lengths)]
     for start, stop in pairwise(cuts):
         z, y, x, component = (along[start:stop] for along in (runs.z, runs.y, runs.start, runs.component))
-        some = replace(runs, z=z, y=y, start=x, stop=runs.stop[start:stop], component=component)
-        z, y, x, component = some.samples(np.ones(count, bool))
+        block = replace(runs, z=z, y=y, start=x, stop=runs.stop[start:stop], component=component)
+        z, y, x, component = block.samples(np.ones(count, bool))
         at = transform_points(matrix, np.stack([x, y, z], axis=1))
         nearest = np.floor(at + 0.5).astype(np.int64)
         inside = ((nearest >= 0) & (nearest < size)).all(axis=1)
         seen += np.bincount(component[inside], minlength=count)
         inside &= ((nearest >= box[:, 0]) & (nearest < box[:, 1])).all(axis=1)
         x, y, z = (nearest[inside] - box[:, 0]).T
-        number = other.numbers[z, y, x].astype(np.int64)
-        pairs = component[inside][number >= 0] * others + number[number >= 0]
+        number = target.numbers[z, y, x].astype(np.int64)
+        pairs = component[inside][number >= 0] * target_count + number[number >= 0]
         pair, times = np.unique(pairs, return_counts=True)
-        found.append(pair)
+        pair_keys.append(pair)
         shared.append(times)
         yield PAUSE
-    pair, where = np.unique(np.concatenate(found), return_inverse=True)
+    pair, where = np.unique(np.concatenate(pair_keys), return_inverse=True)
     times = np.zeros(len(pair), np.int64)
     np.add.at(times, where, np.concatenate(shared))
     share = seen / np.array([each.voxels for each in label.components], np.float64)
-    return share, np.stack(np.divmod(pair, max(others, 1)), axis=1), times
+    return share, np.stack(np.divmod(pair, max(target_count, 1)), axis=1), times

@@ -1,66 +1,93 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of changes: a row for each component, with units in the names of the columns."""
+"""Make the table of changes: a row for each component, with units in the column names."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 from ..files.atomic_write import csv_text
-from ..measures import UNKNOWN
-from ..units import number_text
+from ..measures.measures import UNKNOWN
+from ..measures.units import number_text, percent_change_text, text_beside
 from .compare import ChangeRow
+from .components import Component
 
 DIGITS = 9  # A number in a CSV has this many digits.
 ML = 1000.0  # mm3
-TERMINAL = 11  # The terminal shows this many columns; files have the positions too.
-CHANGE_HEADS = (
-    "name",
-    "label",
-    "status",
-    "before",
-    "after",
-    "volume_before_ml",
-    "volume_after_ml",
-    "change_percent",
-    "largest_diameter_before_mm",
-    "largest_diameter_after_mm",
-    "doubling_time_days",
-    "x_mm",
-    "y_mm",
-    "z_mm",
-    "distance_low_mm",
-    "distance_high_mm",
+
+
+class _Column(NamedTuple):
+    """A column of the table.
+
+    Parameters
+    ----------
+    name : str
+        In files.
+    value : callable
+        Returns the cell of a row; None where it is not known.
+    head : str
+        For a person; a column without one is in files alone.
+    text : callable
+        Returns the text of a row's known cell for a person.
+    """
+
+    name: str
+    value: Callable[[ChangeRow], Any]
+    head: str = ""
+    text: Callable[[ChangeRow, Any], str] = lambda _, cell: str(cell)
+
+
+def _numbers(components: Sequence[Component]) -> str:
+    """Return the numbers of components, the largest of its volume first: '1', or '2+3' where several are one row."""
+    return "+".join(str(each.number) for each in components)
+
+
+def _in_ml(volume_mm3: float | None) -> float | None:
+    return None if volume_mm3 is None else volume_mm3 / ML
+
+
+def _volume_text(row: ChangeRow, volume_ml: float) -> str:
+    """Return one of both volumes, in the unit that fits the larger one."""
+    return text_beside(volume_ml * ML, (row.volume_before_mm3, row.volume_after_mm3), "mm3")
+
+
+def _diameter_text(row: ChangeRow, diameter_mm: float) -> str:
+    return text_beside(diameter_mm, (row.diameter_before_mm, row.diameter_after_mm), "mm")
+
+
+_COLUMNS = (
+    _Column("name", lambda row: row.name, "name"),
+    _Column("label", lambda row: row.label, "label"),
+    _Column("status", lambda row: str(row.status), "status"),
+    _Column("before", lambda row: _numbers(row.before), "before"),
+    _Column("after", lambda row: _numbers(row.after), "after"),
+    _Column("volume_before_ml", lambda row: _in_ml(row.volume_before_mm3), "volume before", _volume_text),
+    _Column("volume_after_ml", lambda row: _in_ml(row.volume_after_mm3), "volume after", _volume_text),
+    _Column("change_percent", lambda row: row.percent, "change", lambda _, change: percent_change_text(change)),
+    _Column("largest_diameter_before_mm", lambda row: row.diameter_before_mm, "diameter before", _diameter_text),
+    _Column("largest_diameter_after_mm", lambda row: row.diameter_after_mm, "diameter after", _diameter_text),
+    _Column(
+        "doubling_time_days",
+        lambda row: row.doubling_time_days,
+        "doubling time days",
+        lambda _, days: number_text(days),
+    ),
+    _Column("x_mm", lambda row: row.center_mm[0]),
+    _Column("y_mm", lambda row: row.center_mm[1]),
+    _Column("z_mm", lambda row: row.center_mm[2]),
+    _Column("distance_low_mm", lambda row: row.distance_mm and row.distance_mm[0]),
+    _Column("distance_high_mm", lambda row: row.distance_mm and row.distance_mm[1]),
 )
+CHANGE_HEADS = tuple(each.name for each in _COLUMNS)
 
 
 def change_columns(row: ChangeRow) -> dict[str, Any]:
-    """Return the columns of a row by their names.
-
-    `before` and `after` are the numbers of components, the largest of its volume first: '1', or '2+3' where several
-    are one row.
-    """
-    first, last = row.volume_before_mm3, row.volume_after_mm3
-    numbers = ("+".join(str(each.number) for each in components) for components in (row.before, row.after))
-    values = (
-        row.name,
-        row.label,
-        str(row.status),
-        *numbers,
-        None if first is None else first / ML,
-        None if last is None else last / ML,
-        row.percent,
-        row.diameter_before_mm,
-        row.diameter_after_mm,
-        row.doubling_time_days,
-        *row.center_mm,
-        *(row.distance_mm or (None, None)),
-    )
-    return dict(zip(CHANGE_HEADS, values, strict=True))
+    """Return the columns of a row by their names."""
+    return {each.name: each.value(row) for each in _COLUMNS}
 
 
 def written_columns(row: ChangeRow) -> dict[str, Any]:
-    """Return the columns of a row as files have them; unknown values are None."""
+    """Return the columns of a row for files; unknown values are None."""
     return {
         head: f"{cell:.{DIGITS}g}" if isinstance(cell, float) else cell for head, cell in change_columns(row).items()
     }
@@ -72,17 +99,11 @@ def change_csv(rows: Sequence[ChangeRow]) -> str:
 
 
 def change_cells(rows: Sequence[ChangeRow]) -> list[tuple[str, ...]]:
-    """Return the table for a person, its heads first; unknown values are a dash."""
-    heads = tuple(
-        head.removesuffix("_percent").replace("largest_", "").replace("_", " ") for head in CHANGE_HEADS[:TERMINAL]
-    )
-    cells = (tuple(change_columns(row).values())[:TERMINAL] for row in rows)
-    return [heads, *(tuple(map(_shown, CHANGE_HEADS, own)) for own in cells)]
+    """Return the table for a person, its heads first, in units that fit; unknown values are a dash."""
+    shown = [each for each in _COLUMNS if each.head]
+    return [tuple(each.head for each in shown), *(tuple(_text(row, each) for each in shown) for row in rows)]
 
 
-def _shown(head: str, cell: Any) -> str:
-    if cell is None or cell == "":
-        return UNKNOWN
-    if head == "change_percent":
-        return f"{cell:+.1f} %"
-    return number_text(cell) if isinstance(cell, float) else str(cell)
+def _text(row: ChangeRow, about: _Column) -> str:
+    cell = about.value(row)
+    return UNKNOWN if cell is None or cell == "" else about.text(row, cell)

@@ -14,8 +14,8 @@ layers 0 to 3, the voxel at x = 9, y = 2, z = 1:
     slot                8 * rank + x % 8  =  57
     voxel               place of 57 in `Slab.slot`, the sorted list of the active voxels
 
-What is known of a voxel stands at its number in lists as long as `slot`; what other voxels must find of it without
-a search, the numbers of its vertices, stands at its slot (see faces.py).
+Facts about a voxel are at its number in lists as long as `slot`. Its vertex numbers, which other voxels must find
+without a search, are at its slot (see faces.py).
 """
 
 from __future__ import annotations
@@ -233,7 +233,7 @@ def _mixed_words(slab_words: NDArray[np.uint64], rows: int, words: int) -> NDArr
 
 
 def _any_neighbor(mask: NDArray[np.bool_], words: int, layer: int) -> NDArray[np.bool_]:
-    """Whether a word or one of its neighbors towards the higher samples is marked; too many at the rows' ends."""
+    """Return whether a word or a neighbor toward higher samples is marked; at the ends of rows, too many are."""
     mask[:-1] |= mask[1:]
     mask = mask[:-words] | mask[words:]
     return mask[:-layer] | mask[layer:]

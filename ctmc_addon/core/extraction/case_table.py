@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How a surface can pass through one voxel: 256 cases, derived from the cube alone.
+"""Derive the 256 cases of a surface in one voxel from the cube.
 
 A voxel's corner k lies at x = k & 1, y = k >> 1 & 1, z = k >> 2. Bit k of a case says that corner k is
 inside. Edge `4 a + b` runs along axis a from one of the four corners without a.
@@ -87,7 +87,7 @@ def closed_loops(following: dict[int, int]) -> Iterator[Loop]:
 
 
 def triangulations(loop: Loop) -> Iterator[tuple[Triangle, ...]]:
-    """Every way to cut a loop into triangles by diagonals that lie in no face of the cube."""
+    """Yield every way to cut a loop into triangles by diagonals that lie in no face of the cube."""
     if len(loop) < 3:
         yield ()
         return
@@ -182,7 +182,7 @@ class CornerLists:
 
 
 def _as_fan(triangles: list[Triangle]) -> Loop:
-    """The corners of triangles that all share one, that one first; empty where they make no fan.
+    """Return the corners of triangles that all share one, that one first; empty where they make no fan.
 
     Examples
     --------

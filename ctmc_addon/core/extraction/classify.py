@@ -22,7 +22,7 @@ CHUNK_SAMPLES = 1 << 20  # Compare this many samples at once: the results stay i
 
 
 def lowest_inside(threshold: float, dtype: np.dtype[Any]) -> Any:
-    """The lowest value of `dtype` that is at or above the threshold; None where none is.
+    """Return the lowest value of `dtype` that is at or above the threshold; None where none is.
 
     Comparing in the volume's own type is exact and moves the fewest bytes.
 
@@ -44,7 +44,7 @@ def lowest_inside(threshold: float, dtype: np.dtype[Any]) -> Any:
 
 
 def highest_inside(upper: float, dtype: np.dtype[Any]) -> Any:
-    """The highest value of `dtype` that is at or below the upper limit; None where none is.
+    """Return the highest value of `dtype` that is at or below the upper limit; None where none is.
 
     Examples
     --------
@@ -98,7 +98,7 @@ def inside_bits(grid: Grid, threshold: float, low: int, high: int, out: NDArray[
 
 
 def _packs_as_it_is(grid: Grid, lowest: Any, highest: Any) -> bool:
-    """Whether the samples are a mask whose rows fill their words: packing marks what is not 0, with no comparison."""
+    """Return whether the samples are a mask whose rows fill their words, so that packing needs no comparison."""
     x, y, values = grid.x, grid.y, grid.values
     whole = x.stride == y.stride == 1 and x.stop - x.start == x.count == grid.words * WORD
     return whole and values.dtype == np.uint8 and highest is None and lowest == 1
@@ -136,7 +136,7 @@ def _between(values: NDArray[Any], limits: tuple[Any, Any], out: NDArray[np.bool
 
 
 def _subsampled(stride: int, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Every `stride`-th sample along the rows."""
+    """Return every `stride`-th sample along the rows."""
     if stride not in (2, 4, 8) or inside.shape[2] % stride or inside.strides[2] != 1:
         return inside[..., ::stride]
     # The lowest byte of every 2, 4 or 8: several times faster than stepping from byte to byte.

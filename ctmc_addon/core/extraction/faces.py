@@ -85,7 +85,7 @@ def fill_faces(
 
 
 def _first_layer_bytes(slab: Slab | None) -> NDArray[np.intp]:
-    """The bytes of a slab's first layer."""
+    """Return the bytes of a slab's first layer."""
     if slab is None:
         return np.zeros(0, np.intp)
     return slab.byte[: np.searchsorted(slab.byte, slab.rows * slab.pitch // BYTE)]

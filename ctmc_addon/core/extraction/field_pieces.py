@@ -26,7 +26,7 @@ from ..progress import PAUSE, Stages, Step, Steps, WithResult
 from ..settings import ReconstructionSettings
 from ..smoothing.prepare import field_steps
 from ..volume.affine import transform_faces, transform_normals, transform_points
-from ..volume.field import Field
+from ..volume.field import ScalarField
 from ..volume.volume import Box, Volume
 from .grid import Grid, layers_in_unit, make_axes
 from .marching_cubes import Counts, piece_steps
@@ -36,6 +36,7 @@ from .scan import SCAN_STAGES, scan_steps
 WORK_BYTES, WORK_FACTOR = 32 << 20, 4
 KEPT_SLICES = 3  # Two slabs share at most this many slices: the layer between them, and one to either side for normals.
 GOLDEN_RATIO = (math.sqrt(5.0) - 1.0) / 2.0
+COPIED_BYTES = 32 << 20  # Copy this many bytes of slices between two steps.
 POINTS_AT_ONCE = 1 << 16  # Move this many points to millimeters in one go, so that the float64 in between stays small.
 TASK_SLABS = 4  # A task of a worker has at most this many slabs.
 TASKS_PER_WORKER = 4  # A worker gets at least this many tasks: a lost one costs little, and all are busy to the end.
@@ -84,7 +85,7 @@ class FieldSlabs:
 
     Parameters
     ----------
-    field : Field
+    field : ScalarField
     budget : Budget
     normals : bool
         Whether pieces have the normals of the values' gradient.
@@ -92,7 +93,7 @@ class FieldSlabs:
         Whether the pieces are to be one surface: what is held is then one slab.
     """
 
-    def __init__(self, field: Field, budget: Budget, normals: bool, joined: bool = False) -> None:
+    def __init__(self, field: ScalarField, budget: Budget, normals: bool, joined: bool = False) -> None:
         self.field, self.budget, self.normals, self.joined = field, budget, normals, joined
         self.values, settings = field.values, field.settings
         self.axes = make_axes(field.window_in_values, settings.stride, settings.close_border)
@@ -185,15 +186,26 @@ class FieldSlabs:
         return Grid(values, x, y, replace(part, index=index.reshape(-1)), continues=continues, upper=upper)
 
     def _values_steps(self, numbers: NDArray[np.intp]) -> Steps[NDArray[np.generic]]:
-        """The values of some slices, of which those that the last slab ended with are not fetched again."""
+        """Return the values of some slices, of which those that the last slab ended with are not fetched again."""
         if self.values.held:
             return (yield from self.values.slices_steps(numbers.tolist()))
         kept = self._kept[np.isin(self._kept_numbers, numbers)]
         values = yield from self.values.slices_steps(numbers[len(kept) :].tolist())
         if len(kept):
-            values = np.concatenate([kept, values])
+            values = yield from _joined_steps(kept, values)
         self._kept_numbers, self._kept = numbers[-KEPT_SLICES:], values[-KEPT_SLICES:].copy()
         return values
+
+
+def _joined_steps(first: NDArray[np.generic], then: NDArray[np.generic]) -> Steps[NDArray[np.generic]]:
+    """Return slices one after the other; a slab of a large volume takes a second to copy."""
+    joined = np.empty((len(first) + len(then), *then.shape[1:]), then.dtype)
+    joined[: len(first)] = first
+    at_once = max(1, COPIED_BYTES * len(then) // max(1, then.nbytes))
+    for start in range(0, len(then), at_once):
+        yield PAUSE
+        joined[len(first) + start : len(first) + start + at_once] = then[start : start + at_once]
+    return joined
 
 
 class _WorkerSlabs(FieldSlabs):
@@ -267,12 +279,12 @@ def slab_result_steps(volume: Volume, task: SlabTask) -> Steps[SlabResult]:
     return SlabResult(pieces, field.values.wrong_side)
 
 
-def surface_pieces_steps(field: Field, budget: Budget, normals: bool, joined: bool = False) -> Pieces:
+def surface_pieces_steps(field: ScalarField, budget: Budget, normals: bool, joined: bool = False) -> Pieces:
     """Yield the pieces of a field's surface in RAS+ mm, from the first to the last, and steps between.
 
     Parameters
     ----------
-    field : Field
+    field : ScalarField
     budget : Budget
     normals : bool
         Whether pieces have normals: those of the values' gradient, and of the mesh where that vanishes or on a cap.
@@ -324,7 +336,7 @@ class _Seam(NamedTuple):
 
     @classmethod
     def below(cls, piece: Surface, following: Surface) -> _Seam:
-        """The triangles of a piece that reach into the next one; kept, as pieces are moved where they are."""
+        """Return the triangles of a piece that reach into the next one; kept, as pieces are moved where they are."""
         own = len(piece.linear)
         numbers = piece.faces[(piece.faces >= own).any(axis=1)] - np.int32(own)
         corners = np.where(
@@ -345,9 +357,9 @@ def _complete_normals(piece: Surface, below: _Seam, following: Surface | None) -
         return
     points = [piece.linear, *([] if following is None else [following.linear])]
     beyond = sum(map(len, points))
-    other = np.arange(beyond, beyond + below.numbers.size, dtype=np.int32).reshape(below.numbers.shape)
+    next_numbers = np.arange(beyond, beyond + below.numbers.size, dtype=np.int32).reshape(below.numbers.shape)
     around = np.concatenate([*points, below.corners.reshape(-1, 3)])
-    triangles = np.concatenate([np.where(below.numbers < 0, other, below.numbers), piece.faces])
+    triangles = np.concatenate([np.where(below.numbers < 0, next_numbers, below.numbers), piece.faces])
     missing = np.zeros(len(around), bool)
     missing[:own][zero] = True
     touched = missing.take(triangles[:, 0]) | missing.take(triangles[:, 1]) | missing.take(triangles[:, 2])

@@ -68,7 +68,7 @@ class Axis:
         return int(self.position[0] < self.start), self.count - int(self.position[-1] >= self.stop)
 
     def part(self, low: int, high: int) -> Axis:
-        """The samples `low` to `high`, `high` left out; positions and indices stay those of the whole."""
+        """Return the samples `low` to `high`, `high` left out; positions and indices stay those of the whole."""
         return replace(self, position=self.position[low:high], index=self.index[low:high])
 
 
@@ -187,7 +187,7 @@ def make_grid(
     window: tuple[tuple[int, int], tuple[int, int], tuple[int, int]] | None = None,
     upper: float | None = None,
 ) -> Grid:
-    """The samples of `values` (slices, rows, columns) inside `window` ((x, stop), (y, stop), (z, stop)).
+    """Return the samples of `values` (slices, rows, columns) inside `window` ((x, stop), (y, stop), (z, stop)).
 
     Values above `upper` will be outside.
 
@@ -204,7 +204,7 @@ def make_grid(
 def make_axes(
     window: Sequence[tuple[int, int]], stride: int | tuple[int, int, int], close_border: bool
 ) -> tuple[Axis, Axis, Axis]:
-    """The samples along x, y and z inside a window ((x, stop), (y, stop), (z, stop))."""
+    """Return the samples along x, y and z inside a window ((x, stop), (y, stop), (z, stop))."""
     strides = check_stride(stride, window)
     x, y, z = (
         sample_axis(start, stop, step, close_border) for (start, stop), step in zip(window, strides, strict=True)

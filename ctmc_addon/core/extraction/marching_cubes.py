@@ -226,9 +226,9 @@ def piece_steps(
         with np.errstate(all="ignore"):
             fill_edge_vertices(grid, sampler, threshold, slab, places.vertices[:3], out)
             if topology == "trilinear" and number % INTERIOR_SLABS == 0:
-                some = slabs[number : number + INTERIOR_SLABS]
-                runs = [each.vertices[3] for each in order.places[number : number + len(some)]]
-                fill_interior_vertices(grid, threshold, some, runs, out)
+                group = slabs[number : number + INTERIOR_SLABS]
+                runs = [each.vertices[3] for each in order.places[number : number + len(group)]]
+                fill_interior_vertices(grid, threshold, group, runs, out)
         fill_faces(slab, places, following, faces)
 
     yield from stages.run(PLACING, map_steps(fill, range(len(slabs)), slab_threads(len(slabs), threads), ""))

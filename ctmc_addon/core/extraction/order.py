@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The order of vertices and triangles: it hangs on the samples alone, so no cut of a surface into slabs changes it.
+"""The order of vertices and triangles. It depends only on the samples, so no cut of a surface into slabs changes it.
 
 Some layers of samples are a unit; how many depends on the size of a layer. Vertices come unit by unit, and in a unit
 
@@ -132,7 +132,7 @@ def order_of(slabs: Sequence[Slab], top: Slab | None = None) -> Order:
 def _runs(
     counts: NDArray[np.intp], group: NDArray[Any], unit: NDArray[np.intp], slab: NDArray[np.intp], sizes: list[int]
 ) -> list[tuple[Runs, ...]]:
-    """The runs of every slab's lists, which stand by unit, then by group, then in the order of the segments.
+    """Return the runs of every slab's lists, which stand by unit, then by group, then in the order of the segments.
 
     Parameters
     ----------

@@ -75,7 +75,7 @@ def scan_steps(
     at_once = max(1, min(DECIDED_SLABS, len(ranges) // (2 * threads))) if topology == "trilinear" else 1
     groups = [ranges[first : first + at_once] for first in range(0, len(ranges), at_once)]
     slab_groups = yield from stages.run(FINDING, map_steps(find, groups, threads, ""))
-    slabs = [slab for some in slab_groups for slab in some]
+    slabs = [slab for group in slab_groups for slab in group]
     return slabs, find_active(grid, bits, grid.layers, grid.z.count) if grid.continues else None
 
 

@@ -142,7 +142,7 @@ def _fill_edges(
         low, high = sampler.gather(flat), sampler.gather(flat, step)
 
     def places(axis_: int, index: int) -> NDArray[np.intp]:
-        """The points just above values of this index along an axis; few slabs have any at the volume's border."""
+        """Return the points just above values of this index along an axis, at the border of the volume."""
         lowest, highest = first.reach[axis_]
         if not lowest <= index <= highest:
             return NOWHERE

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Write a file whole or not at all, and check before the work whether a file can be written.
 
-A file is written beside its path under another name and moved there once it is complete: neither a full disk nor a
+A file is written next to its path under a temporary name and moved there when complete: neither a full disk nor a
 crash leaves half of one, and an older file stays until the new one is ready. A link stays a link: what it points to
 is replaced. The new file gets the permissions of the older one. A file of the input is never replaced.
 """
@@ -41,12 +41,12 @@ REMEDIES = {
 
 @contextmanager
 def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A name beside `path`, with its suffix, to write to; moved to `path` at the end, removed if anything goes wrong.
+    """Yield a temporary path next to `path` to write to; move it to `path` at the end, or remove it after an error.
 
     Raises
     ------
     OutputError
-        If the folder is missing, full or closed to us, or `path` cannot be replaced or is a file of the input.
+        If the folder is missing, full or not writable, or `path` cannot be replaced or is an input.
     """
     target = Path(path)
     require_no_input(target)
@@ -55,9 +55,9 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     with _refusing(target):
         try:
             temporary_path.open("xb").close()
-            _copy_mode(target, temporary_path)  # nobody reads it before, either
+            _copy_mode(target, temporary_path)  # The temporary file is as private.
             yield temporary_path
-            _copy_mode(target, temporary_path)  # Blender writes a new file
+            _copy_mode(target, temporary_path)  # Blender writes a new file.
             _sync(temporary_path)
             temporary_path.replace(_linked(target))
             _sync_folder(temporary_path.parent)
@@ -68,15 +68,15 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def whole_files(paths: Iterable[Path]) -> Iterator[dict[Path, Path]]:
-    """Yield a temporary name for every path; move all files at the end, or none if anything goes wrong.
+    """Yield a temporary path for every path; move all files at the end, or none after an error.
 
-    The places lie in a hidden folder beside each path, under its name, which errors then show. Where one file cannot
-    be moved, those that were are taken back: the older files return, the new ones go.
+    A temporary path lies in a hidden folder next to its path and keeps the name, which errors show. If a file cannot be
+    moved, the moves before are reverted: the older files return and the new ones are removed.
 
     Raises
     ------
     OutputError
-        As of `whole_file`.
+        For the reasons of `whole_file`.
     """
     hidden = temporary_name()
     temporary_paths = {path: _linked(path).parent / hidden / path.name for path in paths}
@@ -97,7 +97,7 @@ def whole_files(paths: Iterable[Path]) -> Iterator[dict[Path, Path]]:
 
 def _replace_all(places: Mapping[Path, Path]) -> None:
     """Move every temporary file to its path, or none of them."""
-    older: dict[Path, Path | None] = {}  # a second name of what stands at a path
+    older: dict[Path, Path | None] = {}  # A second name of the file at each path.
     for path, place in places.items():
         with _refusing(path):
             _copy_mode(path, place)
@@ -121,7 +121,7 @@ def _replace_all(places: Mapping[Path, Path]) -> None:
 
 
 def _linked(path: Path) -> Path:
-    """The file that a link points to, or the path itself."""
+    """Return the file that a link points to, or the path itself."""
     return Path(os.path.realpath(path)) if path.is_symlink() else path
 
 
@@ -132,7 +132,7 @@ def _copy_mode(older: Path, path: Path) -> None:
 
 
 def _second_name(path: Path, folder: Path) -> Path:
-    """A hard link to the file in `folder`, or a copy where the disk does not know links."""
+    """Return a hard link to the file in `folder`, or a copy where the disk does not know links."""
     second = folder / uuid.uuid4().hex[:12]
     try:
         os.link(path, second)
@@ -142,13 +142,13 @@ def _second_name(path: Path, folder: Path) -> Path:
 
 
 def _sync(path: Path) -> None:
-    """Have a file's bytes on the disk before its name says that they are."""
+    """Write a file's bytes to the disk before the file is renamed."""
     with path.open("rb+") as file:
         os.fsync(file.fileno())
 
 
 def _sync_folder(folder: Path) -> None:
-    """Have a folder's names on the disk, where the system can."""
+    """Write a folder's names to the disk if the system can."""
     if os.name == "nt":
         return
     with suppress(OSError):  # some network disks refuse it
@@ -176,8 +176,8 @@ def refused(path: Path, error: OSError) -> OutputError:
 def require_writable(path: str | os.PathLike[str], suffixes: tuple[str, ...] = ()) -> Path:
     """Return `path` if a file can be written there and has one of the suffixes; raise an `OutputError` otherwise.
 
-    It is refused too where it is a file of the input, now or as soon as the input is opened. What was left in its
-    folder by processes that were killed is removed.
+    A path that is an input is refused, now or as soon as the input is opened. Leftovers of killed processes in its
+    folder are removed.
     """
     target = Path(path)
     if suffixes and not (target.suffix and target.name.lower().endswith(suffixes)):  # .stl alone has none
@@ -198,7 +198,7 @@ def require_writable(path: str | os.PathLike[str], suffixes: tuple[str, ...] = (
 
 
 def create_folder(path: str | os.PathLike[str]) -> Path:
-    """Make the folder `path` and its parents where they do not exist, and return it; else raise an `OutputError`."""
+    """Create the folder `path` and its parents if needed, and return it; raise an `OutputError` if that fails."""
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -209,7 +209,7 @@ def create_folder(path: str | os.PathLike[str]) -> Path:
 
 @contextmanager
 def own_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """`create_folder`, and remove at the end the new folders that are still empty."""
+    """Create a folder as `create_folder` does; at the end, remove new folders that are still empty."""
     folder = Path(path)
     missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     try:
@@ -242,7 +242,7 @@ def json_text(content: Any) -> str:
 
 
 def csv_text(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> str:
-    """Rows under their column names as CSV.
+    """Return rows under their column names as CSV.
 
     Examples
     --------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Names that a file can have on every system, made of the names of patients, labels and objects.
+"""Make names that a file can have on every system from the names of patients, labels and objects.
 
 The command line, its batches and the sidebar name files by these rules and no others.
 """

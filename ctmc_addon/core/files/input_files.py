@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The files that are read, so that no output replaces one of them.
+"""Remember the files that are read, so that no output replaces them.
 
-Readers name the files of their input, and every writer asks before it replaces a file. Either may come first: an output
-that is named before the work is refused as soon as the input turns out to hold it.
+Readers register the files of their input, and every writer checks before it replaces a file. Either may come first: an
+output planned before the work is refused as soon as the input turns out to include it.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class _InputFiles:
         if _real(path) in self.paths:
             return True
         input_path = self.identities.get(identity)
-        # A file that was removed may have left its number to another.
+        # A new file may have the number of a removed one.
         return input_path is not None and _identity(input_path) == identity
 
     def _look_up(self) -> None:
@@ -59,7 +59,7 @@ _current = [_InputFiles(keeps_plans=False)]
 
 @contextmanager
 def own_input_files() -> Iterator[None]:
-    """Begin without inputs and outputs, as a command does, and forget at the end those of the block."""
+    """Begin without inputs and outputs, as a command does, and forget those of the block at its end."""
     _current.append(_InputFiles(keeps_plans=True))
     try:
         yield
@@ -68,17 +68,17 @@ def own_input_files() -> Iterator[None]:
 
 
 def add_inputs(paths: Iterable[PathLike]) -> None:
-    """Say that files are read.
+    """Register files that are read.
 
     Parameters
     ----------
     paths : iterable of path
-        Files, not folders; those that do not exist do no harm.
+        Files, not folders; they need not exist.
 
     Raises
     ------
     OutputError
-        If an output that was planned is one of them.
+        If one of them is a planned output.
     """
     _current[-1].added.update(dict.fromkeys(map(os.path.abspath, paths)))
     for path in _current[-1].planned:
@@ -86,12 +86,12 @@ def add_inputs(paths: Iterable[PathLike]) -> None:
 
 
 def plan_output(path: PathLike) -> None:
-    """Say before the work that a file will be written.
+    """Register a file that will be written, before the work.
 
     Raises
     ------
     OutputError
-        If it is a file of the input.
+        If it is an input.
     """
     require_no_input(path)
     if _current[-1].keeps_plans:
@@ -99,7 +99,7 @@ def plan_output(path: PathLike) -> None:
 
 
 def require_no_input(path: PathLike) -> None:
-    """Raise an `OutputError` if `path` is a file that is read: by a link, another spelling or another name too."""
+    """Raise an `OutputError` if `path` is an input, even by a link, a different spelling or a second name."""
     if _current[-1].holds(path):
         raise OutputError(f"{Path(path)} is a file of the input and would be replaced; choose another name or folder")
 

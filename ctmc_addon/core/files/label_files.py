@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Write labels for other programs: a segmentation of 3D Slicer (.seg.nrrd), or NIfTI.
 
-Of the CT a file has the grid alone: no word of its names, dates or paths. The same labels give the same bytes.
+A file has only the grid of the CT, without its names, dates or paths. The same labels give the same bytes.
 slicer.readthedocs.io, developer guide, modules/segmentations; nifti.nimh.nih.gov/nifti-1.
 """
 
@@ -30,7 +30,7 @@ NIFTI_HEADER = 352  # Bytes, with the four that say that no extension follows.
 
 
 class Segment(NamedTuple):
-    """A structure: its name, sRGB color, its label from 1 to 255 and the layer that has it."""
+    """A structure to write: its name, its sRGB color, its label from 1 to 255 and the layer that holds it."""
 
     name: str
     color: tuple[int, int, int]
@@ -139,7 +139,7 @@ def _extent(mask: NDArray[np.bool_]) -> list[int]:
     """Return the first and last sample along x, y and z; in Slicer's way 0 and -1 for an empty mask."""
     ends = []
     for axis in (2, 1, 0):
-        at = np.flatnonzero(mask.any(axis=tuple(other for other in range(3) if other != axis)))
+        at = np.flatnonzero(mask.any(axis=tuple(across for across in range(3) if across != axis)))
         ends += [int(at[0]), int(at[-1])] if at.size else [0, -1]
     return ends
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Names of maps as files write them: in one word, all different."""
+"""Make the names of maps for files: one word each, all different."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .file_names import printable
 
 
 class NamedValues(Protocol):
-    """Values on vertices, as files write them; a `SurfaceMap` is one."""
+    """Values on vertices for a file, such as a `SurfaceMap`."""
 
     @property
     def name(self) -> str:
@@ -45,7 +45,7 @@ def words_of(names: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
 
 
 def require_values(surface: str, vertex_count: int, maps: Iterable[NamedValues]) -> None:
-    """Raise `OutputError` for a map that has not one value for each vertex of a surface."""
+    """Raise `OutputError` unless each map has one value for each vertex of a surface."""
     for each in maps:
         if len(each.values) != vertex_count:
             raise OutputError(

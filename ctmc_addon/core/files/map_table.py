@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Maps as a table: a row for each vertex with its position and its values, as CSV."""
+"""Write maps as a CSV table: a row for each vertex with its position and its values."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from .mesh_files import parts_of
 from .structures.structure import Structure, as_structures
 
 POSITION = ("x_mm", "y_mm", "z_mm")
-SURFACE = "structure"  # The first column where there are several surfaces.
+SURFACE = "structure"  # The first column if there are several surfaces.
 
 
 def write_map_table(path: str | os.PathLike[str], structures: Sequence[Structure], space: str = "ras") -> None:
     """Write the maps of structures as CSV, whole or not at all.
 
-    There is a row for each vertex, in the order of the surfaces and their vertices: x_mm, y_mm, z_mm and the value of
-    every map, under its name, with 9 significant digits, which give the float32 back. A cell is empty where there is no
-    value. Several structures have their names in a first column.
+    Rows are in the order of the surfaces and their vertices. Columns are x_mm, y_mm, z_mm and the maps by name, with 9
+    significant digits, enough for the same float32. A missing value is an empty cell. With several structures, the
+    first column has their names.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def write_map_table(path: str | os.PathLike[str], structures: Sequence[Structure
 
 
 def write_map_table_steps(path: Path, structures: Sequence[Structure], space: str = "ras") -> Steps[None]:
-    """Do what `write_map_table` does as steps, straight to a path; the caller makes sure that the file is whole."""
+    """Do what `write_map_table` does in steps, directly to a path; the caller moves the complete file."""
     named = as_structures(structures, path.name)
     several = len(named) > 1
     names = list(dict.fromkeys(each.name for structure in named for each in structure.maps))
@@ -68,7 +68,7 @@ def write_map_table_steps(path: Path, structures: Sequence[Structure], space: st
 
 
 def _columns(names: Sequence[str], head: Sequence[str]) -> list[str]:
-    """Return the maps' own names, changed where they are taken by a position."""
+    """Return the names of the maps, changed if they are columns of positions."""
     return [name if name not in head else words_of([name], head)[0] for name in names]
 
 
@@ -79,7 +79,7 @@ def _line(cells: Sequence[str]) -> bytes:
 
 
 def _rows(structure: Structure, names: Sequence[str], turn: Floats) -> Iterator[Doubles]:
-    """Positions and values of some thousand vertices at a time, (n, 3 + maps) float64."""
+    """Yield positions and values of some thousand vertices at a time, (n, 3 + maps) float64."""
     values = {each.name: each.values for each in structure.maps}
     for part in parts_of(len(structure.vertices)):
         positions = structure.vertices[part] * turn
@@ -88,7 +88,7 @@ def _rows(structure: Structure, names: Sequence[str], turn: Floats) -> Iterator[
 
 
 def _text(rows: Doubles, prefix: bytes) -> bytes:
-    """Rows as lines, each after the prefix; NaN is left out."""
+    """Return rows as lines, each after the prefix; NaN is left out."""
     line = b",".join([b"%.9g"] * rows.shape[1]) + b"\n"
     text = ((line * len(rows)) % tuple(rows.ravel().tolist())).replace(b",nan", b",")
     return prefix + text[:-1].replace(b"\n", b"\n" + prefix) + b"\n" if prefix else text

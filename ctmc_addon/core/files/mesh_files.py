@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Surfaces as binary STL and PLY, in millimeters: the same bytes from the sidebar, the command line and Python.
+"""Write surfaces as binary STL and PLY in millimeters, with the same bytes from sidebar, command line and Python.
 
 `TriangleMesh.save` writes whole meshes; heads, facets, vertices and faces can be written in pieces too.
 
@@ -81,7 +81,7 @@ def _write_stl(
     normals: Floats | None = None,
     maps: Sequence[NamedValues] = (),
 ) -> None:
-    """A binary STL; every facet with its own normal, whatever the `normals` and `maps` of the vertices."""
+    """Write a binary STL; facets have their own normals, so `normals` and `maps` of vertices are ignored."""
     write_stl_head(file, len(faces))
     for part in parts_of(len(faces)):
         write_stl_facets(file, vertices.take(faces[part], axis=0))
@@ -94,7 +94,7 @@ def write_stl_head(file: IO[bytes], face_count: int) -> None:
 
 
 def write_stl_facets(file: IO[bytes], corners: Floats) -> None:
-    """Facets of a binary STL from their corners, (n, 3, 3)."""
+    """Write facets of a binary STL from their corners, (n, 3, 3)."""
     rows = np.zeros(len(corners), STL_FACE)
     rows["corners"] = corners
     # A row for each coordinate of each corner: NumPy works through long rows far faster than through columns of 3.
@@ -115,7 +115,7 @@ def _write_ply(
     normals: Floats | None = None,
     maps: Sequence[NamedValues] = (),
 ) -> None:
-    """A binary PLY with a normal at every vertex: the surface's own, else the mean of its triangles'."""
+    """Write a binary PLY with a normal at every vertex: that of the surface, else the mean of its triangles."""
     write_ply_head(file, len(vertices), len(faces), words_of((each.name for each in maps), PLY_VERTEX))
     if normals is None:
         normals = vertex_normals(vertices, faces)
@@ -126,7 +126,7 @@ def _write_ply(
 
 
 def write_ply_head(file: IO[bytes], vertex_count: int, face_count: int, map_names: Sequence[str] = ()) -> None:
-    """The beginning of a binary PLY: its vertices follow, each with its values of maps, then its faces."""
+    """Write the header of a binary PLY; vertices follow, each with its values of maps, then faces."""
     properties = "".join(f"property float {name}\n" for name in (*PLY_VERTEX, *map_names))
     file.write(
         "ply\nformat binary_little_endian 1.0\ncomment CTMC surface, mm\n"
@@ -136,20 +136,20 @@ def write_ply_head(file: IO[bytes], vertex_count: int, face_count: int, map_name
 
 
 def write_ply_vertices(file: IO[bytes], vertices: Floats, normals: Floats, values: Sequence[Floats] = ()) -> None:
-    """Vertices of a binary PLY, (n, 3), their normals, and their values of maps, (n,) each."""
+    """Write vertices of a binary PLY, (n, 3), their normals, and their values of maps, (n,) each."""
     columns = [vertices, normals, *(each[:, None] for each in values)]
     file.write(np.concatenate(columns, axis=1).astype("<f4", copy=False).tobytes())
 
 
 def write_ply_faces(file: IO[bytes], faces: NDArray[np.int32]) -> None:
-    """Faces of a binary PLY, (n, 3)."""
+    """Write faces of a binary PLY, (n, 3)."""
     rows = np.empty(len(faces), PLY_FACE)
     rows["count"], rows["vertices"] = 3, faces
     file.write(rows.tobytes())
 
 
 def require_one_surface(path: Path, count: int = 0) -> None:
-    """Raise `OutputError` for several surfaces in a file that can hold one; the message has their number, if known."""
+    """Raise `OutputError` for several surfaces in a file that can hold one; `count` is their number, 0 if unknown."""
     if count != 1 and path.suffix.lower() in SUFFIXES:
         asked = f"there are {count}" if count else "2 or more are asked for"
         raise OutputError(
@@ -159,7 +159,7 @@ def require_one_surface(path: Path, count: int = 0) -> None:
 
 
 def require_placements(path: Path) -> None:
-    """Raise `OutputError` for an exploded view in a file of coordinates alone, which would no longer be true."""
+    """Raise `OutputError` for an exploded view in a file that holds only coordinates, which would become wrong."""
     if path.suffix.lower() not in PLACED_SUFFIXES:
         formats = f"{', '.join(PLACED_SUFFIXES[:-1])} or {PLACED_SUFFIXES[-1]}"
         raise OutputError(
@@ -183,7 +183,7 @@ SURFACE_SUFFIXES = (*SUFFIXES, *SCENE_SUFFIXES)
 
 
 def files_of(path: Path) -> tuple[Path, ...]:
-    """Return the files that a surface file comes as: of an OBJ its materials too.
+    """Return the files of a surface: for an OBJ also that of its materials.
 
     Examples
     --------

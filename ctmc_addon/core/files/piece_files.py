@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""STL and PLY of a surface that comes piece by piece: the bytes that `TriangleMesh.save` writes of it as a whole."""
+"""Write a surface that comes in pieces as STL or PLY, with the same bytes as `TriangleMesh.save` for the whole."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ MOST_FACETS = np.iinfo(np.uint32).max  # An STL can count this many facets.
 
 @dataclass(frozen=True)
 class _WrittenPieces(Generic[T]):
-    """Size and measures of a surface that was written, and the result of the maker of its pieces."""
+    """Size and measures of a written surface, and the result of the generator of its pieces."""
 
     vertices: int
     faces: int
@@ -81,7 +81,7 @@ def write_pieces_steps(
 
 
 def _stl_steps(file: IO[bytes], pieces: SurfacePieces[T], space: str) -> Steps[_WrittenPieces[T]]:
-    """The number of facets stands before them, so it is written last."""
+    """Write facets; their number precedes them in the file, so it is written last."""
     write_stl_head(file, 0)
     source, measured = WithResult(completed_pieces_steps(pieces)), PieceMeasures()
     vertices = faces = 0
@@ -104,7 +104,7 @@ def _stl_steps(file: IO[bytes], pieces: SurfacePieces[T], space: str) -> Steps[_
 
 
 def _ply_steps(file: IO[bytes], pieces: SurfacePieces[T], space: str) -> Steps[_WrittenPieces[T]]:
-    """All vertices stand before all faces and their numbers before both, so both wait in files without a name."""
+    """Write a PLY; vertices precede faces, and their numbers precede both, so both wait in unnamed files."""
     folder = Path(file.name).parent
     with tempfile.TemporaryFile(dir=folder) as of_vertices, tempfile.TemporaryFile(dir=folder) as of_faces:
         source, measured = WithResult(completed_pieces_steps(pieces)), PieceMeasures()
@@ -160,9 +160,9 @@ def _require_countable(faces: int, count: int, most: int) -> None:
 
 
 def _normal_sums_steps(mesh: TriangleMesh, sums: NDArray[np.float64]) -> Steps[NDArray[np.float64]]:
-    """Sums of the normals of the faces at each vertex, (V, 3), begun by the piece before for the first vertices.
+    """Return sums of the normals of the faces at each vertex, (V, 3), begun by the piece before for the first vertices.
 
-    They are added in the order of the faces, as `vertex_normals` does for the whole surface: the same bits.
+    They are added in the order of the faces, as in `vertex_normals` for the whole surface, so the bits are the same.
     """
     vectors = face_vectors(mesh.vertices, mesh.faces)
     yield PAUSE

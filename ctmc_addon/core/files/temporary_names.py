@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Names of what is not complete yet: they say which process writes there, so that what a dead one left can go.
+"""Name incomplete files after the process that writes them, so that leftovers of a dead process can be removed.
 
-A process that is killed removes nothing. The next one that writes in the folder sees whose the rest was.
+A killed process removes nothing. The next process that writes in the folder recognizes the leftovers by their names.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ NAME = re.compile(r"\.ctmc-(?:run-)?(?P<machine>[0-9a-f]{8})-(?P<pid>[0-9]+)-[0-
 
 
 def temporary_name(prefix: str = PREFIX) -> str:
-    """A new hidden name that carries this machine and process."""
+    """Return a new hidden name that carries this machine and process."""
     return f"{prefix}{_machine()}-{os.getpid()}-{uuid.uuid4().hex[:12]}"
 
 
@@ -38,13 +38,13 @@ def without_temporary(path: Path) -> Path:
 
 
 def may_be_in_use(name: str) -> bool:
-    """Whether the process that chose a name may still run: false only for one of this machine that has ended."""
+    """Return whether the process that chose a name may still run: False only if it ran on this machine and ended."""
     match = NAME.fullmatch(name)
     return match is None or match["machine"] != _machine() or _runs(int(match["pid"]))
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove the files from a folder that killed processes of this machine left in it."""
+    """Remove the files that killed processes of this machine left in a folder."""
     for path in folder.glob(PREFIX + "*"):
         if may_be_in_use(path.name):
             continue

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The threads, bytes and workers that a work may use: one frozen object, handed on; None stands for the machine's.
+"""The threads, bytes and workers that a work may use, as one frozen object; None means those of the machine.
 
 Threads, memory and workers change no result: the same input gives the same bytes, or a refusal. The number of triangles
 that decides how a surface is simplified stands here too (`whole_faces`), so that tests can hand in a small one.
@@ -24,7 +24,7 @@ class SlabWorkers(Protocol):
         """Return the present number of workers."""
 
     def results(self, tasks: Sequence[Any]) -> Generator[Any | None, None, None]:
-        """The results in the order of the tasks, and None while nothing happens."""
+        """Return the results in the order of the tasks, and None while nothing happens."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Budget:
 
     @property
     def available(self) -> int | None:
-        """Bytes that may be taken now; None where the system does not tell."""
+        """Bytes that may be used now; None if the system does not report them."""
         return available_bytes() if self.bytes is None else self.bytes
 
     @property

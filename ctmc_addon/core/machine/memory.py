@@ -29,7 +29,7 @@ NO_THREAD = "can't start new thread"  # Python's message if there is no memory f
 
 
 def available_bytes() -> int | None:
-    """Return the bytes of memory that can be used without swapping; None where the system does not tell.
+    """Return the bytes of memory that can be used without swapping; None if the system does not report them.
 
     Small works ask a hundred times a second, and the system answers from twenty files: it is asked now and then.
     """
@@ -38,6 +38,12 @@ def available_bytes() -> int | None:
     if now - _seen[0] > LOOK_AGAIN:
         _seen = now, _available()
     return _seen[1]
+
+
+def look_again() -> None:
+    """Ask the system for its memory at the next question, whenever that is."""
+    global _seen
+    _seen = (-math.inf, None)
 
 
 def _available() -> int | None:
@@ -94,12 +100,11 @@ def _unrefused() -> int | None:
 
 def _limit_for(needed_bytes: int, available: Callable[[], int | None]) -> int | None:
     """Return the available bytes; if they are too few, without the freed pages that the C library keeps."""
-    global _seen
     limit = available()
     if limit is None or needed_bytes <= limit:
         return limit
     give_back()
-    _seen = (-math.inf, None)
+    look_again()
     return available()
 
 
@@ -128,7 +133,7 @@ def give_back() -> None:
 def keep_little() -> None:
     """Let the C library keep few freed pages where memory is short, as they count as used.
 
-    Otherwise it keeps as many as it was told to (cli/address_space.py), and others for each thread.
+    Otherwise it keeps as many as cli/machine/address_space.py has set, and more for each thread.
     """
     available = available_bytes()
     short = address_space_available() is not None or (available is not None and available < PLENTY)
@@ -140,7 +145,7 @@ def keep_little() -> None:
 
 
 def resident_bytes() -> int | None:
-    """Return the bytes of memory that this process has now; None where the system does not tell (not Linux)."""
+    """Return the bytes of memory that this process has now; None if the system does not report them (not Linux)."""
     if sys.platform == "win32":
         return None
     words = "".join(_lines(Path("/proc/self/statm"))).split()
@@ -243,7 +248,7 @@ def _half_of_physical() -> int | None:
 
 
 def _lines(path: Path) -> list[str]:
-    """The lines of a small file; none where it is missing or closed to us."""
+    """Return the lines of a small file; none where it is missing or closed to us."""
     try:
         return path.read_text("ascii").splitlines()
     except (OSError, UnicodeDecodeError):
@@ -257,19 +262,19 @@ def _number(path: Path) -> int | None:
 
 
 def _second_number(line: str) -> int | None:
-    """The number after a name; None where a line has none."""
+    """Return the number after a name; None where a line has none."""
     words = line.split()
     return int(words[1]) if len(words) > 1 and words[1].isdigit() else None
 
 
 def _windows_available() -> int | None:
-    class Status(ctypes.Structure):
+    class MemoryStatus(ctypes.Structure):
         # MEMORYSTATUSEX, winbase.h
         _fields_ = [("length", ctypes.c_ulong), ("load", ctypes.c_ulong)] + [
             (name, ctypes.c_ulonglong)
             for name in ("total", "available", "page_total", "page_free", "virtual_total", "virtual_free", "extended")
         ]
 
-    status = Status(length=ctypes.sizeof(Status))
+    status = MemoryStatus(length=ctypes.sizeof(MemoryStatus))
     kernel32 = getattr(ctypes, "windll").kernel32  # noqa: B009  (exists on Windows only)
     return int(status.available) if kernel32.GlobalMemoryStatusEx(ctypes.byref(status)) else None

@@ -47,7 +47,7 @@ def first_request(module: Path, *arguments: Any) -> dict[str, Any]:
 
 
 def interpreter() -> Path | None:
-    """The program of the running Python; None inside a program that holds Python and brings no interpreter along.
+    """Return the program of the running Python; None inside a program that embeds Python without an interpreter.
 
     Blender's `sys.executable` is the Python in its folder, and in some builds Blender itself.
     """
@@ -142,7 +142,7 @@ def own_output() -> int:
     return output
 
 
-def say(output: int, words: bytes) -> None:
+def send(output: int, words: bytes) -> None:
     """Write all of the words to the other side, although a pipe accepts only some at a time."""
     left = memoryview(words)
     with suppress(OSError):  # it is gone, which standard input says too

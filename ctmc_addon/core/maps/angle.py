@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Smallest angle of the triangles around each vertex, which decides how well a simulation converges."""
+"""Measure the smallest angle of the triangles around each vertex; small angles hinder a simulation."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class SmallestAngle(Quantity):
     """Smallest angle of all triangles around a vertex, degrees; NaN without triangles."""
 
     flag: ClassVar[str] = "angle"
-    text: ClassVar[str] = "Smallest angle of the triangles around, for simulation; small ones are bad"
+    text: ClassVar[str] = "Smallest angle of the triangles around each vertex; small angles are bad for simulation"
     label: ClassVar[str] = "Smallest Angle"
 
     @property
@@ -37,7 +37,7 @@ class SmallestAngle(Quantity):
     def values_steps(self, surface: MappedSurface) -> Steps[MapValues]:
         """Work the values out."""
         faces, vertices = surface.mesh.faces, surface.mesh.vertices
-        least = np.full(len(vertices), np.inf)  # tangents
+        least = np.full(len(vertices), np.inf)  # Tangents of the angles.
         for start in range(0, len(faces), FACES_PER_STEP):
             numbers = faces[start : start + FACES_PER_STEP]
             corners = [vertices[numbers[:, corner]].astype(np.float64) for corner in range(3)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Deviation: how far simplification has moved a surface."""
+"""Measure the deviation: how far simplification has moved a surface."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .quantity import MappedSurface, MapValues, Quantity
 
 @dataclass(frozen=True)
 class Deviation(Quantity):
-    """Distance of every vertex to the full surface, which simplification began with; 0 without simplification."""
+    """Distance of every vertex to the full surface, from before simplification; 0 without simplification."""
 
     flag: ClassVar[str] = "deviation"
     text: ClassVar[str] = "Distance to the full surface: how far simplification has moved it"
@@ -29,7 +29,7 @@ class Deviation(Quantity):
 
     @property
     def needs_full(self) -> bool:
-        """Whether it asks for full surfaces."""
+        """Whether the map needs full surfaces."""
         return True
 
     def values_steps(self, surface: MappedSurface) -> Steps[MapValues]:

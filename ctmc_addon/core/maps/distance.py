@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Signed distance of a surface to another one: positive outside that one, negative inside."""
+"""Measure the signed distance of a surface to a second one: positive outside of that one, negative inside."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ SECOND_SUFFIXES = (".nii", ".ome", ".vol")  # Before .gz, .zarr, .info.
 
 @dataclass(frozen=True, init=False)
 class DistanceTo(Quantity):
-    """Signed distance of every vertex to another surface, and the nearest two points.
+    """Signed distance of every vertex to a second surface, and the nearest two points.
 
     Parameters
     ----------
     target : str, int or TriangleMesh
-        Name or number of another label of the same volume, or a surface in RAS+ mm.
+        Name or number of a label in the same volume, or a surface in RAS+ mm.
     name : str
-        Name of the target in the map's name; by default the label's.
+        Name of the target in the name of the map; by default that of the label.
 
     Examples
     --------
@@ -66,19 +66,19 @@ class DistanceTo(Quantity):
 
     @property
     def needs_full(self) -> bool:
-        """Whether it asks for full surfaces: of a structure that shares its walls with this one."""
+        """Whether the map needs full surfaces, because a target that shares walls with the surface is made again."""
         return not isinstance(self.target, TriangleMesh)
 
     def values_steps(self, surface: MappedSurface) -> Steps[MapValues]:
-        """Make the other surface and measure the distances to it."""
+        """Make the target and measure the distances to it."""
         if (yield from self._is_own_steps(surface)):
             nothing = np.full(len(surface.mesh.vertices), np.nan, np.float32)
             return MapValues(nothing, notes=(f"{self.target_name} has no distance to itself",))
         stages = Stages({"Making the other surface": 3, **STAGES, "Finding the nearest points": 1})
         making, preparing, measuring, finding = stages.shares
         mesh, signed = surface.mesh, SignedSurface()
-        other = yield from stages.run(making, self._target_steps(surface))
-        yield from stages.run(preparing, signed.prepare_steps(other))
+        target = yield from stages.run(making, self._target_steps(surface))
+        yield from stages.run(preparing, signed.prepare_steps(target))
         measured = signed.distances_steps(mesh.vertices, surface.budget.threads)
         distances, nearest = yield from stages.run(measuring, measured)
         pair = yield from stages.run(finding, nearest_pair_steps(mesh, signed, distances, nearest))
@@ -86,13 +86,13 @@ class DistanceTo(Quantity):
         return MapValues(distances.astype(np.float32), pair, notes)
 
     def _is_own_steps(self, surface: MappedSurface) -> Steps[bool]:
-        """Return whether the other structure is that of the surface."""
+        """Return whether the target is the structure of the surface itself."""
         if isinstance(self.target, TriangleMesh):
             return False
         return (yield from _label_steps(surface.volume, self.target)) == surface.settings.label
 
     def _target_steps(self, surface: MappedSurface) -> Steps[TriangleMesh]:
-        """Return the other surface, which has triangles."""
+        """Return the surface of the target, which has triangles."""
         target = self.target
         if not isinstance(target, TriangleMesh):
             value = yield from _label_steps(surface.volume, target)
@@ -105,7 +105,7 @@ class DistanceTo(Quantity):
 
     @classmethod
     def from_text_steps(cls, text: str, inputs: Inputs, options: Mapping[str, Any]) -> Steps[Quantity]:
-        """Return the distance to the structure of the volume that `text` names, else to the surface of a file."""
+        """Return the distance to the structure that `text` names in the volume, else to the surface in that file."""
         choice = int(text) if text.isdecimal() else text
         try:
             yield from _label_steps(inputs.volume, choice)
@@ -120,7 +120,7 @@ class DistanceTo(Quantity):
 
 
 def _label_steps(volume: Volume, choice: str | int) -> Steps[int]:
-    """Return the value of the label that a name or number means."""
+    """Return the label with a name or number."""
     values = yield from chosen_labels_steps(volume, [choice])
     if len(values) != 1:
         raise LabelError(

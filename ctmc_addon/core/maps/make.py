@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Make maps on finished surfaces: the only place that does."""
+"""Make maps on finished surfaces; no other module does."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import numpy as np
 
 from ..errors import MeshError
 from ..machine.budget import Budget
+from ..measures.reconstruction import Reconstruction, Stage
+from ..measures.units import length_text
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Stages, Steps
-from ..reconstruction import Reconstruction, Stage
 from ..settings import ReconstructionSettings
-from ..units import length_text
 from ..volume.volume import Volume
 from .quantity import MappedSurface, Quantity
 from .request import MapRequest
 from .surface_map import NO_LIMITS, SurfaceMap, range_of, statistics_of, vertex_areas
 
 MAPPING = "Making maps"
-"""The stage of a surface's maps."""
+"""The stage in which the maps of a surface are made."""
 
 
 def mapped_steps(
@@ -31,7 +31,7 @@ def mapped_steps(
     budget: Budget,
     surface_steps: Callable[[ReconstructionSettings], Steps[TriangleMesh]],
 ) -> Steps[list[Reconstruction]]:
-    """Return surfaces with maps; of surfaces with the same map the colors have one range.
+    """Return surfaces with maps; the colors of a map have the same range on all surfaces.
 
     Parameters
     ----------
@@ -41,12 +41,12 @@ def mapped_steps(
     request : MapRequest
     budget : Budget
     surface_steps : callable
-        Makes another surface of the volume, by its settings.
+        Makes a surface of the volume from settings.
 
     Raises
     ------
     CtmcError
-        If a quantity cannot be worked out.
+        If a quantity cannot be calculated.
     """
     stages = Stages({f"{at}": 1 for at in range(len(results))})
     mapped = []
@@ -105,12 +105,12 @@ def _maps_steps(
 
 
 def _ramp_of(quantity: Quantity, request: MapRequest) -> str:
-    chosen = request.ramp if quantity.name == request.shown else None
-    return chosen or quantity.ramp
+    ramp = request.ramp if quantity.name == request.shown else None
+    return ramp or quantity.ramp
 
 
 def _with_ranges(all_maps: Sequence[Sequence[SurfaceMap]], request: MapRequest) -> list[tuple[SurfaceMap, ...]]:
-    """Return the maps of every surface with the range that all of one name share."""
+    """Return the maps of every surface; maps with the same name share a range."""
     ranges = {}
     for at, first in enumerate(all_maps[0] if all_maps else ()):
         if request.range is not None and first.name == request.shown:

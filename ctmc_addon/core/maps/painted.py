@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The values of another volume on a surface: dose, tracer, perfusion, or the CT itself below it."""
+"""Paint the values of a volume on a surface: dose, tracer, perfusion, or the CT itself below the surface."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from ..volume.sampling import KEPT, Line, sampled_steps
 from ..volume.volume import Volume
 from .quantity import Inputs, MappedSurface, MapValues, Quantity
 
-FINENESS = 2  # Samples along a line for each side of a voxel, at least.
+FINENESS = 2  # Take at least this many samples along a line for each side of a voxel.
 DEEPEST_MM = 1000.0
 RESERVED = frozenset({*"xyz", "x_mm", "y_mm", "z_mm", "nx", "ny", "nz", "position", "normal", "red", "green", "blue"})
-"""Names that tables, PLY files and Blender's meshes have already."""
-LONGEST_NAME = 60  # Letters; Blender cuts longer names of attributes.
+"""Names that tables, PLY files and Blender's meshes already use."""
+LONGEST_NAME = 60  # Blender cuts names of attributes with more characters than about this.
 
 
 @dataclass(frozen=True)
 class PaintOptions(Described):
-    """How a volume is painted onto a surface."""
+    """Options for painting a volume onto a surface."""
 
     paint_depth: float = setting(
         0.0,
-        "How far painting looks from the surface inward; 0 takes the values on the surface itself",
+        "Depth below the surface down to which values are sampled. 0 = only on the surface",
         label="Paint Depth",
         unit="mm",
         low=0.0,
@@ -37,7 +37,7 @@ class PaintOptions(Described):
     )
     paint_how: str = setting(
         "mean",
-        "Which of the values found within the paint depth is kept",
+        "Which of the values within the paint depth is kept",
         label="Keep",
         type=str,
         choices=KEPT,
@@ -52,18 +52,19 @@ class Painted(Quantity):
     Parameters
     ----------
     volume : Volume
-        On any grid and orientation, in memory or in a file.
+        Volume on any grid and orientation, in memory or in a file.
     name : str
         Name of the map.
     depth_mm : float
-        If above 0, samples from the surface inward, against its normal, in steps of at most half the smallest spacing.
+        Depth of samples from the surface inward, against its normal, in steps of at most half the smallest spacing; 0
+        samples only the surface.
     how : {"mean", "max", "min"}
-        What is kept of the samples that lie in the volume.
+        Way to reduce the samples in the volume to one value.
 
     Raises
     ------
     SettingsError
-        If the name is empty, too long or reserved, or the depth or what is kept is outside its limits.
+        If the name is empty, too long or reserved, the depth is outside its limits, or `how` is unknown.
     """
 
     flag: ClassVar[str] = "paint"
@@ -88,7 +89,7 @@ class Painted(Quantity):
         return self.volume.kind.unit
 
     def values_steps(self, surface: MappedSurface) -> Steps[MapValues]:
-        """Sample the volume at the vertices, or from them inward."""
+        """Sample the volume at the vertices, or along lines from them inward."""
         stages = Stages({"Finding normals": 1, "Painting": 4})
         mesh, line = surface.mesh, None
         if self.depth_mm > 0:
@@ -103,14 +104,14 @@ class Painted(Quantity):
 
     @classmethod
     def from_text_steps(cls, text: str, inputs: Inputs, options: Mapping[str, Any]) -> Steps[Quantity]:
-        """Read the volume of `NAME=PATH`; the name is checked before anything is read.
+        """Read the volume of `NAME=PATH` after checking the name.
 
         Parameters
         ----------
         text : str
         inputs : Inputs
         options : mapping
-            Given fields of `PaintOptions`.
+            Fields of `PaintOptions` that were given.
 
         Raises
         ------
@@ -121,13 +122,13 @@ class Painted(Quantity):
         if not equals or not name or not path:
             raise SettingsError(f"--{cls.flag} takes {cls.metavar}, not {text!r}; such as --paint dose=RTDOSE.dcm")
         _checked_name(name)
-        chosen = PaintOptions(**options)
+        given = PaintOptions(**options)
         volume = yield from inputs.volume_steps(path)
-        return cls(volume, name, chosen.paint_depth, chosen.paint_how)
+        return cls(volume, name, given.paint_depth, given.paint_how)
 
 
 def _checked_name(name: str) -> str:
-    """Return the name of a map; raise a `SettingsError` for one that files and Blender cannot have."""
+    """Return the name of a map; raise a `SettingsError` for one that files or Blender cannot use."""
     if not name.strip() or not name.isprintable():
         raise SettingsError(f"a painted volume needs a name of printable letters, not {name!r}; such as dose")
     if name.casefold() in RESERVED:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A quantity that a map can show; each is a class of its own module and a line of `core/maps/quantities.py`."""
+"""The base class of quantities; each quantity is a class in its own module and a line in `quantities.py`."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from .surface_map import Point
 
 
 class MapValues(NamedTuple):
-    """What a quantity gives.
+    """Values of a quantity on a surface.
 
     Parameters
     ----------
     values : (V,) float32
-        On the vertices of the surface; NaN where there is no value.
+        Values on the vertices of the surface; NaN for no value.
     nearest : (point, point), optional
-        The nearest two points of the surface and of another, RAS+ mm.
+        Nearest two points of the surface and of its target, RAS+ mm.
     notes : tuple of str
-        What was assumed or left out, in sentences.
+        Sentences about what was assumed or left out.
     """
 
     values: Floats
@@ -38,19 +38,19 @@ class MapValues(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MappedSurface:
-    """A finished surface that quantities are worked out on.
+    """A finished surface on which quantities are calculated.
 
     Parameters
     ----------
     mesh : TriangleMesh
-        RAS+ mm, as it is written and shown.
+        The mesh that is written and shown, RAS+ mm.
     settings : ReconstructionSettings
         Settings that it was made with.
     volume : Volume
         Volume that it was made from.
     budget : Budget
     surface_steps : callable
-        Makes another surface of the same volume, by its settings, as steps.
+        Makes a surface of the same volume from settings, in steps.
     """
 
     mesh: TriangleMesh
@@ -61,17 +61,17 @@ class MappedSurface:
 
 
 class Inputs(Protocol):
-    """Files that the text of a flag may name; front ends open them."""
+    """Files that the value of a flag may name; front ends open them."""
 
     @property
     def volume(self) -> Volume:
-        """The volume that surfaces are made from."""
+        """The volume from which surfaces are made."""
 
     def volume_steps(self, path: str) -> Steps[Volume]:
         """Read a volume."""
 
     def surface_steps(self, path: str) -> Steps[TriangleMesh]:
-        """Read the surface of an STL or PLY, or make that of a label volume; RAS+ mm."""
+        """Return the surface of an STL or PLY file or of a label volume, RAS+ mm."""
 
 
 class Quantity(ABC):
@@ -82,13 +82,13 @@ class Quantity(ABC):
     flag : str
         The flag without dashes, and the column of a manifest: 'thickness'.
     metavar : str
-        The placeholder of the flag's value; empty for a flag without one.
+        The placeholder of the flag's value; empty for a flag without a value.
     text, label : str
-        Explanation and name for a person.
+        Explanation and name for users.
     ramp : str
-        The color ramp, unless another is chosen.
+        The default color ramp.
     options : type, optional
-        A `Described` dataclass whose fields become flags; all quantities of this flag share them.
+        A `Described` dataclass whose fields become flags, shared by all quantities of this flag.
     """
 
     flag: ClassVar[str]
@@ -110,23 +110,23 @@ class Quantity(ABC):
 
     @property
     def needs_full(self) -> bool:
-        """Whether it asks for full surfaces."""
+        """Whether the map needs full surfaces."""
         return False
 
     @abstractmethod
     def values_steps(self, surface: MappedSurface) -> Steps[MapValues]:
-        """Work the values out."""
+        """Calculate the values."""
 
     @classmethod
     def from_text_steps(cls, text: str, inputs: Inputs, options: Mapping[str, Any]) -> Steps[Quantity]:
-        """Return the quantity that a flag's value asks for; `text` is empty for a flag without one.
+        """Return the quantity for the value of a flag; `text` is empty for a flag without a value.
 
         Parameters
         ----------
         text : str
         inputs : Inputs
         options : mapping
-            Given fields of `cls.options`.
+            Fields of `cls.options` that were given.
         """
         yield PAUSE
         return cls(**options)

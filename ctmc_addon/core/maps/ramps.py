@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Color ramps for values on a surface.
 
-All for color-blind eyes. viridis and magma (Smith and van der Walt 2015) have even steps of lightness, so they hold in
-gray print; `light` is the lighter part of magma, from light to dark. coolwarm (Moreland 2009) is light around 0.
+All suit color-blind readers. viridis and magma (Smith and van der Walt 2015) have even steps of lightness, so they work
+in gray print; `light` is the lighter part of magma, from light to dark. coolwarm (Moreland 2009) is light around 0.
 """
 
 from __future__ import annotations
@@ -26,28 +26,28 @@ RAMPS = {
     ),
     "light": "fcfdbf feca8d fd9668 f1605d cd4071 9e2f7f 721f81 440f76",
 }
-"""sRGB of even steps from the lowest value to the highest, by the ramp's name."""
+"""sRGB colors at even steps from the lowest value to the highest, by the name of the ramp."""
 DIVERGING = ("coolwarm",)
-"""Ramps whose middle is 0."""
+"""Ramps with 0 in the middle."""
 NO_VALUE = "a0a0a0"
 """The color of a vertex without a value."""
 
 
 def stops_of(ramp: str) -> list[tuple[float, float, float]]:
-    """Return the colors of a ramp as sRGB from 0 to 1."""
+    """Return the colors of a ramp as sRGB, 0 to 1."""
     return [rgb_of(color) for color in RAMPS[ramp].split()]
 
 
 def colors_of(values: Floats, range_: tuple[float, float], ramp: str) -> Bytes:
-    """Return the sRGB color of every value, (n, 3) uint8; values beyond the range have the color of its end.
+    """Return the sRGB color of every value, (n, 3) uint8; values beyond the range get the color of its end.
 
     Parameters
     ----------
     values : (n,) float32
-        NaN has the color `NO_VALUE`.
+        NaN gets the color `NO_VALUE`.
     range_ : (low, high) float
     ramp : str
-        Of `RAMPS`.
+        A key of `RAMPS`.
 
     Examples
     --------
@@ -72,6 +72,6 @@ def linear(color: tuple[float, float, float]) -> tuple[float, float, float, floa
 
 
 def rgb_of(color: str) -> tuple[float, float, float]:
-    """Return the sRGB of a color such as 'fde725', from 0 to 1."""
+    """Return the sRGB of a color such as 'fde725', 0 to 1."""
     red, green, blue = (int(color[at : at + 2], 16) / 255 for at in (0, 2, 4))
     return red, green, blue

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Requests for maps: which quantities, with which limits, and how the one that is shown is colored."""
+"""Requests for maps: quantities, their limits, and the colors of the map that is shown."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from ..errors import SettingsError
-from ..measures import MEASURES, PRINT_MEASURES
+from ..measures.measures import MEASURES, PRINT_MEASURES
 from .quantity import Quantity
 from .ramps import RAMPS
 from .surface_map import Limits
@@ -21,7 +21,7 @@ TAKEN = {
     "solid",
     *("case", "status", "error", "reading", "format", "space", "run", "seconds", "memory_bytes", "files", "file_bytes"),
 }
-"""Names that reports and the records of a batch have already."""
+"""Names that reports and the records of a batch already use."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,18 +32,18 @@ class MapRequest:
     ----------
     quantities : tuple of Quantity
     limits : mapping of str to Limits
-        By the name of a map.
+        Limits by the name of a map.
     shown : str
         Name of the map whose colors files and figures show; by default the first.
     range : (low, high) float, optional
-        Values of the first and the last color of the map shown; by default round numbers around nearly all values.
+        Values of the first and the last color of the shown map; by default round numbers around nearly all values.
     ramp : str, optional
-        Color ramp of the map shown; by default that of its quantity.
+        Color ramp of the shown map; by default that of its quantity.
 
     Raises
     ------
     SettingsError
-        For two maps of one name, for a name that no map has, for an empty range or an unknown ramp.
+        For two maps with the same name, a name that no map has, an empty range or an unknown ramp.
     """
 
     quantities: tuple[Quantity, ...]
@@ -53,7 +53,7 @@ class MapRequest:
     ramp: str | None = None
 
     def __post_init__(self) -> None:
-        """Check the names; fill in the map shown."""
+        """Check the names; set the shown map."""
         names = [quantity.name for quantity in self.quantities]
         for name, count in Counter(name.lower() for name in names).items():
             if count > 1:
@@ -82,9 +82,9 @@ class MapRequest:
 
     @classmethod
     def of(cls, maps: MapRequest | Iterable[Quantity]) -> MapRequest:
-        """Return a request for quantities; a request as it is."""
+        """Return a request for quantities, or the given request."""
         return maps if isinstance(maps, MapRequest) else cls(tuple(maps))
 
     def __bool__(self) -> bool:
-        """Return whether any map is asked for."""
+        """Whether there is any map."""
         return bool(self.quantities)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A map: values on the vertices of a surface, with a unit, a range and a color ramp."""
+"""A map: values on the vertices of a surface with a unit, a range and a color ramp."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from ..mesh.vectors import cross, dot
 from .ramps import DIVERGING, colors_of
 
 Point = tuple[float, float, float]
-INNER = (1.0, 99.0)  # Percentiles of the values between which the colors run.
+INNER = (1.0, 99.0)  # The colors cover the values between these percentiles.
 
 
 class Limits(NamedTuple):
-    """Limits of a map: what lies below `low` or above `high` is counted; an infinite one is none."""
+    """Limits of a map: the area below `low` or above `high` is counted; an infinite limit is ignored."""
 
     low: float = -math.inf
     high: float = math.inf
@@ -37,11 +37,11 @@ class MapStatistics:
     Parameters
     ----------
     minimum, percentile_5, median, mean, percentile_95, maximum : float or None
-        In the map's unit; None without any value.
+        In the unit of the map; None without any value.
     share_without : float
-        Share of the area that has no value, 0 to 1.
+        Share of the area without a value, 0 to 1.
     share_below, share_above : float or None
-        Share of the area beyond the map's limits, of what has a value; None without that limit.
+        Share of the area with a value that lies beyond the limits; None without that limit.
     """
 
     minimum: float | None
@@ -62,18 +62,18 @@ class SurfaceMap:
     Parameters
     ----------
     name : str
-        Such as thickness_mm: the attribute, the column and the property of files.
+        Name of the attribute, column and property in files, such as thickness_mm.
     unit : str
     values : (V,) float32
-        NaN where there is no value.
+        NaN for no value.
     range : (low, high) float
         Values of the first and the last color.
     ramp : str
-        Of `RAMPS`.
+        A key of `RAMPS`.
     statistics : MapStatistics
     limits : Limits
     nearest : (point, point), optional
-        The nearest two points of the surface and of another, RAS+ mm.
+        Nearest two points of the surface and of its target, RAS+ mm.
     notes : tuple of str
     """
 
@@ -94,7 +94,7 @@ class SurfaceMap:
 
     @property
     def nearest_distance(self) -> float | None:
-        """Distance of the nearest two points, mm; 0 where the surfaces cross; None without them."""
+        """Distance of the nearest two points, mm; 0 if the surfaces cross; None without such points."""
         return None if self.nearest is None else distance_between(*self.nearest)
 
     def about(self) -> dict[str, Any]:
@@ -112,7 +112,7 @@ class SurfaceMap:
 
 
 def vertex_areas(mesh: TriangleMesh) -> Doubles:
-    """Return a third of the area of the triangles around each vertex, (V,) float64, in the square of the unit."""
+    """Return a third of the area of the triangles around each vertex, (V,) float64, in squares of the mesh's unit."""
     first, second, third = (mesh.vertices[mesh.faces[:, at]].T.astype(np.float64) for at in range(3))
     normals = cross(second - first, third - first)
     areas = np.sqrt(dot(normals, normals)) / 6
@@ -124,13 +124,13 @@ def vertex_areas(mesh: TriangleMesh) -> Doubles:
 
 
 def statistics_of(values: Floats, areas: Doubles, limits: Limits = NO_LIMITS) -> MapStatistics:
-    """Return the numbers of a map.
+    """Return the statistics of values, weighted by areas where `MapStatistics` says so.
 
     Parameters
     ----------
     values : (V,) float32
     areas : (V,) float64
-        As `vertex_areas` returns them.
+        From `vertex_areas`.
     limits : Limits
 
     Examples
@@ -142,19 +142,19 @@ share_without=0.5, share_below=0.25, share_above=None)
     """
     there = ~np.isnan(values)
     whole = float(areas.sum()) or 1.0
-    known, weights = values[there].astype(np.float64), areas[there]
+    finite, weights = values[there].astype(np.float64), areas[there]
     weight = float(weights.sum())
     without = 1.0 - weight / whole if len(values) else 1.0
-    if not len(known):
+    if not len(finite):
         return MapStatistics(None, None, None, None, None, None, 1.0)
-    lowest, low, median, high, highest = (float(each) for each in np.percentile(known, (0, 5, 50, 95, 100)))
-    mean = float((known * weights).sum() / weight) if weight else float(known.mean())
+    lowest, low, median, high, highest = (float(each) for each in np.percentile(finite, (0, 5, 50, 95, 100)))
+    mean = float((finite * weights).sum() / weight) if weight else float(finite.mean())
     beyond = shares_beyond(values, areas, limits)
     return MapStatistics(lowest, low, median, mean, high, highest, max(0.0, without), *beyond)
 
 
 def shares_beyond(values: Floats, areas: Doubles, limits: Limits) -> tuple[float | None, float | None]:
-    """Return the shares of the area below and above limits, of what has a value; None without that limit.
+    """Return the shares of the area with a value that lie below and above limits; None without that limit.
 
     Parameters
     ----------
@@ -168,17 +168,17 @@ def shares_beyond(values: Floats, areas: Doubles, limits: Limits) -> tuple[float
     (0.25, 0.5)
     """
     there = ~np.isnan(values)
-    known, weights = values[there].astype(np.float64), areas[there]
+    finite, weights = values[there].astype(np.float64), areas[there]
     whole = float(weights.sum()) or 1.0
     below, above = (
         float(weights[outside].sum() / whole) if math.isfinite(limit) else None
-        for limit, outside in ((limits.low, known < limits.low), (limits.high, known > limits.high))
+        for limit, outside in ((limits.low, finite < limits.low), (limits.high, finite > limits.high))
     )
     return below, above
 
 
 def range_of(values: Floats, ramp: str) -> tuple[float, float]:
-    """Return round numbers around nearly all values; of a diverging ramp 0 is the middle.
+    """Return a range of round numbers around nearly all values, with 0 in the middle for a diverging ramp.
 
     Examples
     --------
@@ -189,14 +189,14 @@ def range_of(values: Floats, ramp: str) -> tuple[float, float]:
     >>> range_of(np.array([-3.0, 1.0], np.float32), "coolwarm"), range_of(np.array([np.nan], np.float32), "magma")
     ((-3.0, 3.0), (0.0, 1.0))
     """
-    known = values[np.isfinite(values)]
-    if not len(known):
+    finite = values[np.isfinite(values)]
+    if not len(finite):
         return 0.0, 1.0
-    low, high = (float(each) for each in np.percentile(known, INNER))
+    low, high = (float(each) for each in np.percentile(finite, INNER))
     most = step_up(max(abs(low), abs(high)))
     if ramp in DIVERGING:
         return -most, most
-    if low == high:  # As of a surface that is not simplified: 0 is the other end.
+    if low == high:  # All values are equal, as without simplification; 0 is the second end.
         return (-most, 0.0) if low < 0 else (0.0, most if low else 1.0)
     if low >= 0 and low < high / 2:
         return 0.0, step_up(high)

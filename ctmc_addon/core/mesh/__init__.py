@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The triangles of a surface, and what can be measured on them."""
+"""Triangle meshes and the measurements on them."""
 
 from typing import TYPE_CHECKING
 

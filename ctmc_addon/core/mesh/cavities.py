@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which component of a surface each cavity belongs to: the smallest one around it.
+"""Find the component of a surface to which each cavity belongs: the smallest one around it.
 
 From a point of every cavity a ray goes along +x. A component is around the point if the ray leaves it once
 more than it enters it, which for closed ones holds along every ray (Jordan). Only triangles beside a
@@ -23,7 +23,7 @@ PAIRS_PER_STEP = 1 << 19  # Test this many pairs of a ray and a triangle in a st
 
 
 def points_within(corners: NDArray[np.float32]) -> NDArray[np.float64]:
-    """A point within each triangle, (n, 3), from its corners, (n, 3, 3)."""
+    """Return a point within each triangle, (n, 3), from its corners, (n, 3, 3)."""
     a, b, c = corners.astype(np.float64).transpose(1, 0, 2)  # (n, 3) each
     return np.asarray(a * WEIGHTS[0] + b * WEIGHTS[1] + c * WEIGHTS[2])
 
@@ -59,7 +59,7 @@ def smallest_around(
 
 
 def summed_pairs(pairs: NDArray[np.int64], leaves: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Every pair of a ray and a component once, in order, and the sum of its `leaves`."""
+    """Return every pair of a ray and a component once, in order, and the sum of its `leaves`."""
     around, inverse = np.unique(pairs, return_inverse=True)
     return around, np.asarray(np.bincount(inverse.ravel(), leaves, len(around)), np.float64)
 

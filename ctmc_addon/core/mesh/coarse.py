@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A few triangles that look like many: for a small picture, where nobody sees more, and for nothing that is measured.
+"""Replace a surface by a few triangles that look like it, for small pictures and not for measurements.
 
-Vertices in the same cube of a grid become one: Rossignac and Borrel 1993, doi:10.1007/978-3-642-78114-8_29. What comes
-out may touch itself.
+Vertices in the same cube of a grid become one: Rossignac and Borrel 1993, doi:10.1007/978-3-642-78114-8_29. The result
+may touch itself.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from .triangle_mesh import TriangleMesh
 from .vectors import cross, dot
 
 GROWTH = 1.1  # A cube's side grows at least this many times from one try to the next.
-PIECE = 1 << 16  # triangles
-DIRECTIONS = 6  # To both sides along each axis.
-FACES_PER_CUBE = 2.4  # Two where the surface is smooth, more where it is noisy.
-TRIES = 3  # Sides that are tried until a goal is met.
+PIECE = 1 << 16  # A piece has at most this many triangles.
+DIRECTIONS = 6  # Both directions along each axis.
+FACES_PER_CUBE = 2.4  # A smooth surface has two, a noisy one more.
+TRIES = 3  # Try at most this many sides to meet a goal.
 CLOSE = 0.1  # A goal is met within this share.
-MOST_SIDE = 1 << 20  # Cubes along an axis: three such numbers fit into 64 bits.
+MOST_SIDE = 1 << 20  # An axis has at most this many cubes, so that three indices fit into 64 bits.
 
 
 def coarse_mesh(mesh: TriangleMesh, most_faces: int) -> TriangleMesh:
@@ -94,9 +94,9 @@ def light_faces_steps(
     if normals is None:
         normals = vertex_normals(vertices, faces)
     axis, most = np.zeros(len(vertices), np.int8), normals[:, 0]
-    for other in (1, 2):
-        is_more = np.abs(normals[:, other]) > np.abs(most)
-        axis[is_more], most = other, np.where(is_more, normals[:, other], most)
+    for next_axis in (1, 2):
+        is_more = np.abs(normals[:, next_axis]) > np.abs(most)
+        axis[is_more], most = next_axis, np.where(is_more, normals[:, next_axis], most)
     direction = 2 * axis + (most < 0)
     columns = np.ascontiguousarray(vertices.T, np.float64)  # (3, V)
     start = columns.min(axis=1)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MeshError
+from ..measures.units import volume_text
 
 
 class ComponentLimits(NamedTuple):
@@ -60,8 +61,8 @@ class ComponentLimits(NamedTuple):
         keep = sizes >= self.min_volume
         if not keep[bodies].any():
             raise MeshError(
-                f"no component has a volume of {self.min_volume:g} mm3 or more: the largest of {bodies.sum()} has "
-                f"{sizes[bodies].max():.4g} mm3; lower the minimum volume"
+                f"no component has a volume of {volume_text(self.min_volume)} or more: the largest of {bodies.sum()} "
+                f"has {volume_text(float(sizes[bodies].max()))}; lower the minimum volume"
             )
         if self.largest:
             keep[np.flatnonzero(bodies)[np.argsort(-sizes[bodies], kind="stable")[self.largest :]]] = False

@@ -42,7 +42,7 @@ def largest_diameter(vertices: NDArray[np.float32]) -> float:
 
 
 def largest_diameter_steps(vertices: NDArray[np.float32]) -> Steps[float]:
-    """`largest_diameter` as steps."""
+    """Do what `largest_diameter` does, in steps."""
     yield Step(0.0, MESSAGE)
     if len(vertices) < 2:
         return 0.0
@@ -75,8 +75,8 @@ def largest_diameter_steps(vertices: NDArray[np.float32]) -> Steps[float]:
         order = np.argsort(far, kind="stable")  # the farthest come last and are taken first
         order = order[far[order] > best]
         for start in range(0, len(order), AT_ONCE):
-            some = order[start : start + AT_ONCE]
-            waiting.append((depth + 1, first[some], second[some]))
+            block = order[start : start + AT_ONCE]
+            waiting.append((depth + 1, first[block], second[block]))
         yield Step(0.6, MESSAGE)
     return math.sqrt(best)
 
@@ -148,11 +148,11 @@ def _products(starts: Indices, first: Indices, second: Indices) -> tuple[Indices
 def _bounds(level: _BoxLevel, first: Indices, second: Indices) -> Doubles:
     """Return for pairs of boxes a square that no squared distance between their vertices exceeds."""
     far = np.maximum(level.high[first] - level.low[second], level.high[second] - level.low[first])
-    one, other = level.distance[first], level.distance[second]
+    from_middle, away = level.distance[first], level.distance[second]
     # By how much the vertices at least miss lying opposite each other.
     missed = _angle(np.sqrt(_lengths(level.axis[first] + level.axis[second])))
     missed = np.maximum(missed - level.spread[first] - level.spread[second] - ROUNDING, 0.0)
-    opposite = (one * one + other * other + 2 * one * other * np.cos(missed)) * (1 + ROUNDING)
+    opposite = (from_middle * from_middle + away * away + 2 * from_middle * away * np.cos(missed)) * (1 + ROUNDING)
     return np.where(missed < math.pi / 2, np.minimum(_lengths(far), opposite), _lengths(far))
 
 
@@ -169,8 +169,8 @@ def _compared(points: Doubles, level: _BoxLevel, first: Indices, second: Indices
     cuts = np.searchsorted(pairs, np.arange(0, int(pairs.max(initial=0)), MOST_COMPARED)).tolist()
     for start, end in pairwise([*cuts, len(first)]):
         if start < end:
-            one, other = _products(level.first_vertex, first[start:end], second[start:end])
-            best = max(best, float(_squares(points[one], points[other]).max()))
+            of_first, of_second = _products(level.first_vertex, first[start:end], second[start:end])
+            best = max(best, float(_squares(points[of_first], points[of_second]).max()))
     return best
 
 

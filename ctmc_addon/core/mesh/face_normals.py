@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Normals from the triangles alone: of faces, and averaged to vertices."""
+"""Compute normals of faces, and average them to vertices."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def vertex_normals(vertices: NDArray[Any], faces: NDArray[np.int32]) -> NDArray[
 
 
 def vertex_normals_steps(vertices: NDArray[Any], faces: NDArray[np.int32]) -> Steps[NDArray[np.float32]]:
-    """`vertex_normals` as steps."""
+    """Do what `vertex_normals` does, in steps."""
     vectors = yield from face_vectors_steps(vertices, faces)
     return (yield from _mean_normals_steps(len(vertices), faces, vectors, None))
 

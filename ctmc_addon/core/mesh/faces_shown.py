@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Does a surface show a face, which DICOM PS3.15 E.1.1 calls recognizable visual features?
+"""Decide whether a surface shows a face, which DICOM PS3.15 E.1.1 calls recognizable visual features.
 
-Told from the surface alone, as most formats do not say what part of the body they hold. RAS+ mm.
+Only the surface is used, because most formats do not name the part of the body. RAS+ mm.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from ..volume.value_kind import ValueKind
 
 SKIN_HU = (-900.0, 60.0)  # A threshold between air and soft tissue gives skin.
 BAND_MM = 10.0
-# A head, of a child or with ears and headrest: 1 to 99 % of a band's vertices lie within so much.
-WIDTH_MM = (110.0, 235.0)  # right to left
-DEPTH_MM = (130.0, 270.0)  # back to front
+# Widths and depths of heads, from a child's to one with ears and headrest, from 1 to 99 % of a band's vertices.
+WIDTH_MM = (110.0, 235.0)  # From right to left.
+DEPTH_MM = (130.0, 270.0)  # From back to front.
 LEAST_MM = 80.0  # This much of the body's length is that wide and deep; a face is longer.
 FEWEST = 50  # A band has at least this many vertices.
 MOST = 400_000  # Look at up to this many vertices.

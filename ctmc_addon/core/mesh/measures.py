@@ -146,9 +146,9 @@ class PieceMeasures:
         self._seam_counts = np.empty((2, 0), np.int64)
 
     def add_steps(
-        self, vertices: NDArray[np.float32], faces: NDArray[np.int32], own: int, known: Topology | None = None
+        self, vertices: NDArray[np.float32], faces: NDArray[np.int32], own: int, topology: Topology | None = None
     ) -> Steps[None]:
-        """Take in the next piece: its `own` vertices and those of the next that it needs, and its triangles."""
+        """Add the next piece: its triangles, its `own` vertices, and the vertices of the following piece it needs."""
         stages = Stages(STAGES)
         sizes, edges, components = STAGES
         if not self._vertices and len(vertices):  # far from the origin the terms would cancel badly
@@ -156,13 +156,16 @@ class PieceMeasures:
         first = self._vertices
         self._add_vertices(vertices, faces, own)
         self._faces += len(faces)
-        counting = edge_keys_steps(faces, len(vertices)) if known is None else keys_of_edges_steps(faces, *known.edges)
+        if topology is None:
+            counting = edge_keys_steps(faces, len(vertices))
+        else:
+            counting = keys_of_edges_steps(faces, *topology.edges)
         yield from stages.run(edges, self._add_edges_steps(counting, own, first))
-        numbers = yield from stages.run(components, self._links.add_steps(faces, own, known and known.components))
+        numbers = yield from stages.run(components, self._links.add_steps(faces, own, topology and topology.components))
         yield from stages.run(sizes, self._add_sums_steps(vertices, faces, numbers))
 
     def measures_steps(self) -> Steps[Measures]:
-        """The measures of the surface, when all pieces have come."""
+        """Return the measures of the surface after all pieces were added."""
         component = yield from self._links.joined_steps()
         sums = np.concatenate([np.empty((0, 8)), *self._sums])
         count = int(component.max(initial=-1)) + 1
@@ -274,12 +277,12 @@ def _sides(low: NDArray[np.float32], high: NDArray[np.float32]) -> tuple[float, 
 
 
 def _added(total: float, terms: NDArray[np.float64]) -> float:
-    """The total with the terms added one after the other, so that it matters not where they are cut."""
+    """Return the total with the terms added one after the other, so that it matters not where they are cut."""
     return float(np.cumsum(np.concatenate([[total], terms]))[-1])
 
 
 def _borders_steps(ends: NDArray[np.int32], vertex_count: int) -> Steps[int]:
-    """Number of connected lines that the edges between (2, E) vertices form."""
+    """Return the number of connected lines that the edges between (2, E) vertices form."""
     if not ends.shape[1]:
         return 0
     component = yield from component_numbers_steps(np.ascontiguousarray(ends.T), vertex_count)
@@ -320,7 +323,7 @@ def component_volumes_steps(
 def component_moments_steps(
     vertices: NDArray[np.float32], faces: NDArray[np.int32], component: NDArray[np.int32]
 ) -> Steps[NDArray[np.float64]]:
-    """Sums over the faces of every component, (components, 8), from the component of every face, (F,).
+    """Return sums over the faces of every component, (components, 8), from the component of every face, (F,).
 
     Sums of the parts of a component add up to those of the whole, so `volumes_of_moments` gives its volume wherever it
     is cut: six times the volume about the origin, twice the area vector, the sum of all corners, their number.

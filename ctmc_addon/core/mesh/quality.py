@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How good a triangle mesh is: how rough, how well shaped its triangles, and where to measure it.
+"""Measure the quality of a triangle mesh: its roughness and the shape of its triangles; sample it for distances.
 
 Positions in any one space; lengths in its unit, angles in degrees.
 """

@@ -44,7 +44,7 @@ def topology_steps(faces: Ints, vertex_count: int) -> Steps[Topology]:
 
 
 def edges_steps(faces: Ints, vertex_count: int) -> Steps[Edges]:
-    """Every edge once, and the edges of every face.
+    """Return every edge once, and the edges of every face.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def edges_steps(faces: Ints, vertex_count: int) -> Steps[Edges]:
 
 
 def _order(lower: Ints, higher: Ints, vertex_count: int) -> NDArray[np.int64]:
-    """A stable order of pairs by the first number, and then by the second, which is below `vertex_count`."""
+    """Return a stable order of pairs by the first number, and then by the second, which is below `vertex_count`."""
     lowest, highest = int(lower.min(initial=vertex_count)), int(lower.max(initial=0))
     bits = len(lower).bit_length()
     keys = (lower - np.int32(lowest)).astype(np.int64) * vertex_count + higher
@@ -92,20 +92,11 @@ def _order(lower: Ints, higher: Ints, vertex_count: int) -> NDArray[np.int64]:
     return keys & (1 << bits) - 1
 
 
-def edge_counts_steps(faces: Ints, vertex_count: int) -> Steps[tuple[Ints, NDArray[np.int64], NDArray[np.int64]]]:
-    """Every edge of `faces` (F, 3) once, (2, E), how many triangles it has, (E,), and how many run up it, (E,).
+def edge_keys_steps(faces: Ints, vertex_count: int) -> Steps[EdgeKeys]:
+    """Return every edge of `faces` (F, 3) once, as `edge_ends` takes it, rising; and those that are not closed.
 
     A triangle runs up an edge that it passes from the lower to the higher vertex number. A mesh is closed where
     every edge has two triangles, one of which runs up it.
-    """
-    keys, irregular, counts = yield from edge_keys_steps(faces, vertex_count)
-    count, upwards = np.full(len(keys), 2), np.ones(len(keys), np.int64)
-    count[irregular], upwards[irregular] = counts
-    return edge_ends(keys), count, upwards
-
-
-def edge_keys_steps(faces: Ints, vertex_count: int) -> Steps[EdgeKeys]:
-    """Every edge of `faces` (F, 3) once, as `edge_ends` takes it, rising; and those that are not closed.
 
     Returns
     -------
@@ -149,7 +140,7 @@ def edge_keys_steps(faces: Ints, vertex_count: int) -> Steps[EdgeKeys]:
 
 
 def keys_of_edges_steps(faces: Ints, ends: Ints, face_edges: Ints) -> Steps[EdgeKeys]:
-    """Return what `edge_keys_steps` does for `faces` (F, 3), from their edges: nothing is sorted again.
+    """Return the result of `edge_keys_steps` for `faces` (F, 3) from their edges, without sorting again.
 
     Parameters
     ----------
@@ -178,7 +169,7 @@ def keys_of_edges_steps(faces: Ints, ends: Ints, face_edges: Ints) -> Steps[Edge
 
 
 def edge_ends(keys: NDArray[np.int64]) -> Ints:
-    """The vertices of edges, (2, E), the lower one first: as `edge_keys_steps` packs them."""
+    """Return the vertices of edges, (2, E), the lower one first: as `edge_keys_steps` packs them."""
     return np.stack([keys >> 31, keys & 0x7FFFFFFF]).astype(np.int32)
 
 
@@ -231,9 +222,9 @@ class Groups:
             number = above[number]
         return number
 
-    def join(self, one: int, other: int) -> bool:
+    def join(self, first: int, second: int) -> bool:
         """Join the groups of two numbers; returns whether they were two."""
-        low, high = sorted((self.root(one), self.root(other)))
+        low, high = sorted((self.root(first), self.root(second)))
         self._above[high] = low
         return low != high
 
@@ -246,7 +237,7 @@ class Groups:
 
 
 def component_numbers_steps(faces: Ints, vertex_count: int) -> Steps[Ints]:
-    """Number of the component that every face is in, (F,) int32; components in the order of their first face.
+    """Return the number of the component of every face, (F,) int32; components are in the order of their first face.
 
     `faces` may also be links (n, 2).
     """
@@ -294,7 +285,7 @@ def component_roots_steps(faces: Ints, vertex_count: int) -> Steps[Ints]:
             if len(differ):
                 a, b = a[differ], b[differ]
                 open_links.append((a, b))
-                lowest[np.maximum(a, b)] = np.minimum(a, b)  # of several any will do: the others are asked again
+                lowest[np.maximum(a, b)] = np.minimum(a, b)  # Any of several works: the rest is tested again.
             yield PAUSE
         while True:
             shorter = np.take(lowest, lowest)

@@ -79,7 +79,7 @@ class TriangleMesh:
         return self.measures.components
 
     def in_space(self, space: str) -> TriangleMesh:
-        """A surface in RAS+ mm in the axes of `space`, "ras" or "lps"; half a turn, so the winding stays."""
+        """Return a surface in RAS+ mm in the axes of `space`, "ras" or "lps"; half a turn, so the winding stays."""
         if space == "ras":
             return self
         turn = np.array([-1, -1, 1], np.float32)
@@ -154,7 +154,7 @@ class Surface:
     normals: NDArray[np.float32] | None = None
 
     def at(self, alpha: float) -> TriangleMesh:
-        """The surface at `alpha`, computed in float32 in the order in which Blender mixes a shape key."""
+        """Return the surface at `alpha`, computed in float32 in the order in which Blender mixes a shape key."""
         return TriangleMesh(blend(self.midpoints, self.linear, alpha), self.faces, self.normals)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Products of vectors that stand in columns, a coordinate a row: several times faster than `numpy.cross`."""
+"""Multiply vectors in columns, with a row for each coordinate, several times faster than `numpy.cross`."""
 
 from __future__ import annotations
 

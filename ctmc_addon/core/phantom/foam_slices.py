@@ -45,8 +45,8 @@ class _FoamSlices(SliceReader):
         self.contrast = np.float32(60 * pore * EDGE)
         random = _hashed(np.arange(6, dtype=np.uint32), seed)  # phases of the waves along x, y, z, twice
         self.waves = [
-            _waves(np.arange(count), pore, float(phase) / 2**32, float(other) / 2**32)
-            for count, phase, other in zip((size, size, slices), random[:3], random[3:], strict=True)
+            _waves(np.arange(count), pore, float(phase) / 2**32, float(bend) / 2**32)
+            for count, phase, bend in zip((size, size, slices), random[:3], random[3:], strict=True)
         ]
         at = np.arange(size * size, dtype=np.uint32).reshape(size, size)
         self.noise = (_hashed(at, seed + 1) >> np.uint32(24)).astype(np.uint8) % np.uint8(NOISE)
@@ -80,9 +80,9 @@ def foam(slices: int, size: int, pore: int = 64, seed: int = 0) -> Volume:
     return Volume(_FoamSlices(slices, size, pore, seed), affine, name=f"foam-{seed}")
 
 
-def _waves(at: NDArray[Any], pore: int, phase: float, other: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _waves(at: NDArray[Any], pore: int, phase: float, bend: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return a pair of waves like sine and cosine along an axis; longer waves shift it to and fro."""
-    turns = at / pore + phase + 0.11 * _sine(at / (math.pi * pore) + other)
+    turns = at / pore + phase + 0.11 * _sine(at / (math.pi * pore) + bend)
     return _sine(turns).astype(np.float32), _sine(turns + 0.25).astype(np.float32)
 
 
@@ -94,7 +94,7 @@ def _sine(turns: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _hashed(numbers: NDArray[np.uint32], seed: int) -> NDArray[np.uint32]:
-    """A random number for every number; the finalizer of MurmurHash3, public domain."""
+    """Return a random number for every number; the finalizer of MurmurHash3, public domain."""
     mixed = numbers + np.uint32(seed * 0x9E3779B9 & 0xFFFFFFFF)
     for shift, factor in ((16, 0x85EBCA6B), (13, 0xC2B2AE35)):
         mixed ^= mixed >> np.uint32(shift)

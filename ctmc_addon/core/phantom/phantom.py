@@ -110,7 +110,7 @@ def phantom(
 def phantom_steps(
     slices: int = 29, size: int = 512, spacing: tuple[float, float, float] | None = None, seed: int = 0
 ) -> Steps[Phantom]:
-    """The same as `phantom`, a slice a step."""
+    """Return the same as `phantom`, a slice a step."""
     spacing = _checked_grid(slices, size, spacing, seed)
     require(3 * slices * size * size, f"a phantom of {slices} slices of {size} x {size}", "make it smaller")
     axes = [centered(size, spacing[0]), centered(size, spacing[1]), centered(slices, spacing[2])]

@@ -220,10 +220,10 @@ def has_room(tumor: Blob, liver: Blob, tumors: list[Blob], scale: float) -> bool
     """Return whether the tumor is inside the liver, with a margin, and touches none of `tumors`."""
     if not liver.inside(tumor.surface(1.05, 3.0 * scale)).all():
         return False
-    for other in tumors:
+    for placed in tumors:
         distance = [
-            (tumor.center[axis] - other.center[axis])
-            / (tumor.half_axes[axis] * tumor.limits[1] + other.half_axes[axis] * other.limits[1])
+            (tumor.center[axis] - placed.center[axis])
+            / (tumor.half_axes[axis] * tumor.limits[1] + placed.half_axes[axis] * placed.limits[1])
             for axis in range(3)
         ]
         if distance[0] * distance[0] + distance[1] * distance[1] + distance[2] * distance[2] < 1.0:

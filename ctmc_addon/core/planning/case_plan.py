@@ -54,7 +54,7 @@ def asked_bytes(has_bytes: int, needed_bytes: int) -> int:
 
 
 def case_process_is_large(resident_bytes: int | None) -> bool:
-    """Return whether a process keeps so much memory after a case that the next one is better done by another."""
+    """Return whether a process keeps too much memory after a case to make the next one."""
     return resident_bytes is not None and resident_bytes > BLENDER_PROCESS_BYTES + KEPT_BYTES
 
 

@@ -15,7 +15,7 @@ from ..progress import Stages, Steps, timed_steps
 from ..settings import FIELD, ReconstructionSettings, settings_of_stage
 from ..smoothing.methods import smoothing_of, used_settings
 from ..smoothing.prepare import field_steps
-from ..volume.field import Field, held_steps
+from ..volume.field import ScalarField, held_steps
 from ..volume.volume import Volume
 from .counted_surface import CostEstimate
 from .plan import LOOKING, READ_SHARE, advice_of, plan_steps, proposals_steps
@@ -31,10 +31,10 @@ class FieldCache:
     volume: Volume
     budget: Budget = WHOLE_MACHINE
     key: tuple[object, ...] | None = None
-    field: Field | None = None
+    field: ScalarField | None = None
     seconds: float = 0.0
 
-    def field_steps(self, settings: ReconstructionSettings) -> Steps[Field]:
+    def field_steps(self, settings: ReconstructionSettings) -> Steps[ScalarField]:
         """Return the field for these settings; keep a smoothed one if there is room for it."""
         smoothing, used = smoothing_of(settings), used_settings(settings)
         own = [name for name in settings_of_stage(FIELD) if name in used and name not in ("smoothing", "smoothing_mm")]
@@ -53,7 +53,7 @@ class FieldCache:
         self.field = replace(self.field, settings=settings)
         return self.field
 
-    def _make_steps(self, settings: ReconstructionSettings) -> Steps[Field]:
+    def _make_steps(self, settings: ReconstructionSettings) -> Steps[ScalarField]:
         field = yield from field_steps(self.volume, settings, self.budget)
         there, needed = self.budget.available, 4 * math.prod(field.values.shape)
         keeps = self.volume.reader.own_bytes == 0 and (there is None or needed <= READ_SHARE * there)
@@ -68,8 +68,8 @@ def cost_estimate_steps(cache: FieldCache, settings: ReconstructionSettings) -> 
     CtmcError
         If they give no surface at all.
     """
-    stages = Stages({"Measuring the machine": 3, "Preparing values": 3, "Counting": 3, LOOKING: 1})
-    yield from stages.run("Measuring the machine", CALIBRATION.measure_steps())
+    stages = Stages({"Measuring this machine": 3, "Preparing values": 3, "Counting": 3, LOOKING: 1})
+    yield from stages.run("Measuring this machine", CALIBRATION.measure_steps())
     field = yield from stages.run("Preparing values", cache.field_steps(settings))
     planning = plan_steps(cache.volume, settings, cache.budget, field=field)
     plan = yield from stages.run("Counting", planning)

@@ -25,7 +25,7 @@ from ..settings import ReconstructionSettings
 from ..sinks import HOLD, Sink
 from ..smoothing.methods import smoothing_of
 from ..smoothing.prepare import field_steps
-from ..volume.field import Field
+from ..volume.field import ScalarField
 from ..volume.slice_reader import fitting_stride
 from ..volume.volume import Volume
 
@@ -143,7 +143,7 @@ def plan_steps(
     budget: Budget | None = None,
     sink: Sink = HOLD,
     written_bytes: int = 0,
-    field: Field | None = None,
+    field: ScalarField | None = None,
     most_slabs: int | None = None,
 ) -> Steps[Plan]:
     """Count the triangles of a surface and return its plan.
@@ -156,7 +156,7 @@ def plan_steps(
     sink : Sink
     written_bytes : int
         Bytes of a triangle while Blender writes files.
-    field : Field, optional
+    field : ScalarField, optional
         The field that is extracted, if it is known already; by default it is prepared here.
     most_slabs : int, optional
         Count triangles in no more slabs than these; by default in all.
@@ -175,7 +175,7 @@ class _PlanRefusal(MemoryLimitError):
 
 
 def required_steps(
-    volume: Volume, settings: ReconstructionSettings, budget: Budget, sink: Sink, field: Field
+    volume: Volume, settings: ReconstructionSettings, budget: Budget, sink: Sink, field: ScalarField
 ) -> Steps[None]:
     """Refuse a surface that does not fit before it is made; refuse none if the available memory is unknown.
 
@@ -367,9 +367,9 @@ def reads_at_once(value_bytes: int, settings: ReconstructionSettings, budget: Bu
 
     They are not where most of them are left out. The surface is the same.
     """
-    some = settings.region is not None or max(settings.stride) > 1
+    is_partial = settings.region is not None or max(settings.stride) > 1
     there = budget.available
-    return (not some or value_bytes <= SMALL_BYTES) and (there is None or value_bytes <= READ_SHARE * there)
+    return (not is_partial or value_bytes <= SMALL_BYTES) and (there is None or value_bytes <= READ_SHARE * there)
 
 
 def fits_in_memory(value_bytes: int, budget: Budget) -> bool:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Predict the seconds of surfaces that are made at once: a sum over stages, each corrected by finished surfaces.
 
-The amount of work comes from counts. Its seconds are multiples of what a unit of work takes in this process on a small
-ball, until a stage has run: from then on they are those of its last run, in proportion to the work.
+The amount of work comes from counts. Until a stage has run, its seconds are multiples of the time of a unit of work on
+a small ball in this process; afterwards they are those of its last run, in proportion to the work.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from ..described import AUTO
 from ..extraction.grid import make_grid
 from ..extraction.marching_cubes import count_steps, extract_steps
 from ..machine.budget import Budget
+from ..measures.reconstruction import Reconstruction
 from ..progress import PAUSE, Steps, timed_steps
-from ..reconstruction import Reconstruction
 from ..simplification.simplify import simplify_steps
 from ..surfaces.finish import AVERAGING, CHOOSING, EXTRACTING, KEEPING, LOOKING, PREPARING, SIMPLIFYING
 from ..surfaces.request import share_walls
@@ -187,11 +187,11 @@ class Calibration:
         Preparing has nothing in common from way to way: a threshold's values are ready.
         """
         way, stage = key
-        others = WAYS if way and stage != PREPARING else ()
-        return next((self.learned[other, stage] for other in (way, *others) if (other, stage) in self.learned), 1.0)
+        ratios = WAYS if way and stage != PREPARING else ()
+        return next((self.learned[kind, stage] for kind in (way, *ratios) if (kind, stage) in self.learned), 1.0)
 
     def _expected(self, estimates: Sequence[CostEstimate]) -> dict[Key, float]:
-        """Return the seconds of every stage by the ratios alone."""
+        """Return the seconds of every stage from the ratios, without learned ones."""
         expected: dict[Key, float] = defaultdict(float)
         for way, estimate in zip(_ways(estimates), estimates, strict=True):
             for stage, seconds in self._expected_of(estimate, way).items():

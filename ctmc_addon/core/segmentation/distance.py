@@ -34,7 +34,7 @@ def window_of(mask: Flags) -> Window | None:
     ranges = []
     part = mask
     for axis in range(3):
-        across = tuple(other for other in range(3) if other != axis)
+        across = tuple(each for each in range(3) if each != axis)
         at = np.flatnonzero(part.any(axis=across))
         if not at.size:
             return None

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A mask slice by slice in a few bytes each, to be kept in a file: what undo, saving and autosave then hold.
 
-A slice is packed alone, so a stroke packs again what it touched, and two states are told apart slice by slice.
+Each slice is packed by itself, so a stroke packs only the slices that it touched, and states are compared by slice.
 """
 
 from __future__ import annotations

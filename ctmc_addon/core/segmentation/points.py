@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SettingsError
+from ..measures.units import mm_text
 from ..volume.affine import to_index
 from ..volume.region import volume_box
 from ..volume.volume import SampleGrid
@@ -40,10 +41,10 @@ def sample_at(volume: SampleGrid, point_ras_mm: Point) -> Sample:
     if (index < 0).any() or (index >= volume.size).any():
         corners: NDArray[np.float64] = volume_box(volume)
         ends = zip("xyz", corners.min(axis=0).tolist(), corners.max(axis=0).tolist(), strict=True)
-        box = ", ".join(f"{axis} {low:.4g} to {high:.4g}" for axis, low, high in ends)
+        box = ", ".join(f"{axis} {low:.4g} to {mm_text(high, 4)}" for axis, low, high in ends)
         given = " ".join(f"{part:g}" for part in point.tolist())
         raise SettingsError(
-            f"the point {given} lies outside the volume, which spans {box} mm; give it in RAS+ mm (Slicer's R A S)"
+            f"the point {given} lies outside the volume, which spans {box}; give it in RAS+ mm (Slicer's R A S)"
         )
     x, y, z = index.tolist()
     return z, y, x

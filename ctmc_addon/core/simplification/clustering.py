@@ -37,7 +37,7 @@ BLOCK = 1 << 15  # Work out the quadrics of this many faces at once: they fit th
 
 
 @dataclass(eq=False)
-class Shape:
+class ColumnSurface:
     """A surface as columns.
 
     positions : (3, V) float32
@@ -123,7 +123,7 @@ def clustered_steps(
     joins = original = np.arange(len(mesh.vertices))
     locked = _border(faces, len(joins))
     quadrics = yield from _quadrics_steps(positions, faces)
-    shape = Shape(positions, faces, locked, original, quadrics)
+    shape = ColumnSurface(positions, faces, locked, original, quadrics)
     while (before := shape.faces.shape[1]) > policy.enough_clusters * target and len(shape.locked) >> ID_BITS == 0:
         yield PAUSE
         becomes = original.copy()
@@ -186,7 +186,7 @@ def _border(faces: Indices, vertex_count: int) -> Flags:
     return sums != 0
 
 
-def _round_steps(shape: Shape, target: int, policy: Policy) -> Steps[tuple[Shape, Indices]]:
+def _round_steps(shape: ColumnSurface, target: int, policy: Policy) -> Steps[tuple[ColumnSurface, Indices]]:
     """One round: no fewer than `target` triangles are left; also which of the vertices each has joined."""
     positions, faces = shape.positions, shape.faces
     joins = yield from _seeds_steps(shape, policy.cluster_passes)
@@ -208,10 +208,10 @@ def _round_steps(shape: Shape, target: int, policy: Policy) -> Steps[tuple[Shape
         rows[..., clusters.roots[still]] = summed[..., still]
     quadrics = EdgeQuadric(*(np.compress(used, rows, axis=-1) for rows in shape.quadrics))
     placed = np.compress(used, placed, axis=1)
-    return Shape(placed, left, shape.locked[used], shape.original[used], quadrics), joins
+    return ColumnSurface(placed, left, shape.locked[used], shape.original[used], quadrics), joins
 
 
-def _seeds_steps(shape: Shape, passes: int) -> Steps[Indices]:
+def _seeds_steps(shape: ColumnSurface, passes: int) -> Steps[Indices]:
     """The seed that every vertex joins, or itself, (V,)."""
     positions, faces, free = shape.positions, shape.faces, ~shape.locked
     worst = np.uint32(0xFFFFFFFF)
@@ -225,9 +225,9 @@ def _seeds_steps(shape: Shape, passes: int) -> Steps[Indices]:
         for corner, own in zip(around, ranks, strict=True):
             lost[corner[own > best]] = True
         yield PAUSE
-        chosen = ~lost
-        seed |= chosen
-        near = np.take(chosen, around[0]) | np.take(chosen, around[1]) | np.take(chosen, around[2])
+        new_seeds = ~lost
+        seed |= new_seeds
+        near = np.take(new_seeds, around[0]) | np.take(new_seeds, around[1]) | np.take(new_seeds, around[2])
         done = np.flatnonzero(near)
         for corner in around:
             rank[corner[done]] = worst
@@ -254,7 +254,7 @@ def _seeds_steps(shape: Shape, passes: int) -> Steps[Indices]:
     return joins
 
 
-def _clusters_steps(shape: Shape, joins: Indices, new: Indices) -> Steps[Clusters]:
+def _clusters_steps(shape: ColumnSurface, joins: Indices, new: Indices) -> Steps[Clusters]:
     """Return the clusters, and the cost of each."""
     positions, vertex_count = shape.positions, len(joins)
     size = np.bincount(joins, minlength=vertex_count)

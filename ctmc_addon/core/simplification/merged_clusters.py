@@ -138,7 +138,7 @@ def _torn(faces: Indices, multiple: Flags, changed: Flags) -> Flags:
     number = np.empty(count, np.uint64)
     number[used] = np.arange(len(used), dtype=np.uint64)
     bits = np.uint64(ID_BITS)
-    mask, one = np.uint64((1 << ID_BITS) - 1), np.uint64(1)
+    mask, unit = np.uint64((1 << ID_BITS) - 1), np.uint64(1)
     corners = np.take(number, faces)
     keys = np.empty(corners.shape, np.uint64)
     for row, (start, end, other) in zip(keys, ((0, 1, 2), (1, 2, 0), (2, 0, 1)), strict=True):
@@ -147,21 +147,21 @@ def _torn(faces: Indices, multiple: Flags, changed: Flags) -> Flags:
         row |= high
         row <<= bits
         row |= corners[other]
-        row <<= one
+        row <<= unit
         row |= corners[start] < corners[end]
     keys = keys.ravel()
     keys.sort(kind="stable")
-    edge = keys >> (bits + one)
+    edge = keys >> (bits + unit)
     same = edge[1:] == edge[:-1]
     pair = keys[1:] ^ keys[:-1]  # of one edge: the lowest bit is set where the directions differ
     wrong = np.zeros(len(keys) + 1, bool)
-    wrong[1:-1] = same & ((pair & one == 0) | (pair & (mask << one) == 0))
+    wrong[1:-1] = same & ((pair & unit == 0) | (pair & (mask << unit) == 0))
     wrong[1:-2] |= same[1:] & same[:-1]
     single = np.ones(len(keys), bool)
     single[1:] &= ~same
     single[:-1] &= ~same
     at = np.flatnonzero(wrong[:-1] | wrong[1:] | single)
-    shifts = bits + bits + one, bits + one, one
+    shifts = bits + bits + unit, bits + unit, unit
     low, high, third = (used[((keys[at] >> shift) & mask).astype(np.int64)] for shift in shifts)
     at_changed = changed[low] | changed[high]
     bad = np.zeros(count, bool)

@@ -145,8 +145,8 @@ class Simplification:
         message = f"{count} triangles"
         if target and count > target:
             message += (
-                f" instead of {target}: no edge is left that can go without moving a border, tearing or crossing the "
-                "surface or losing a component that is to stay"
+                f" instead of {target}: no further edge can be removed without moving a border, tearing or crossing "
+                "the surface, or losing a component that must stay"
             )
         if self.collapsed.count:
             message += f"; {self.collapsed.sentence()}"

@@ -74,7 +74,7 @@ def for_labels_text(name: str) -> str:
     >>> for_labels_text("constrained")
     'smoothing constrained is for labels; for a threshold choose smoothing gaussian or none'
     """
-    alternatives = " or ".join(other for other in reversed(CHOICES) if CHOICES[other].for_gray)
+    alternatives = " or ".join(each for each in reversed(CHOICES) if CHOICES[each].for_gray)
     return f"smoothing {name} is for labels; for a threshold choose smoothing {alternatives}"
 
 
@@ -86,5 +86,5 @@ def no_width_text(name: str, width_mm: float) -> str:
     >>> no_width_text("none", 1.5)
     'smoothing_mm 1.5 is the width of smoothing gaussian, and smoothing is none; choose one'
     """
-    wide = " or ".join(other for other in CHOICES if CHOICES[other].has_width)
+    wide = " or ".join(each for each in CHOICES if CHOICES[each].has_width)
     return f"smoothing_mm {width_mm:g} is the width of smoothing {wide}, and smoothing is {name}; choose one"

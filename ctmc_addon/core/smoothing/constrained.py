@@ -22,12 +22,12 @@ from ..progress import PAUSE, Stages, Steps, equal_part
 from ..volume.volume import Box
 from .bounds import Inside, Start, carried, halfway_mm, refined_start
 from .bricks import WIDTH, Bricks, near_surface, number_bricks, packed, widened
-from .islands import keep_islands_steps
-from .refined_label import RefinedLabel
+from .kept_volume.islands import keep_islands_steps
+from .kept_volume.refined_label import RefinedLabel
+from .kept_volume.volume_constant import keep_volume_steps
 from .relaxation import relax_steps
 from .signed_distance import signed_distance_steps
 from .smooth_field import SmoothField
-from .volume_constant import keep_volume_steps
 
 MOST_STEPS = 8
 SAMPLES_AT_ONCE = 1 << 18  # Handle this many samples far from the surface at once.
@@ -95,14 +95,14 @@ def automatic_refinement(spacing_mm: tuple[float, float, float]) -> int:
     return max(1, min(MOST_STEPS, steps))
 
 
-def band_mm(spacing_mm: tuple[float, float, float]) -> float:
+def _band_mm(spacing_mm: tuple[float, float, float]) -> float:
     """Return the distance to either side of the surface within which the field is smoothed."""
     return THICK[0].band_mm(spacing_mm)
 
 
 def reach_of(spacing_mm: tuple[float, float, float]) -> tuple[int, int, int]:
-    """Return `band_mm` in samples of the label along x, y and z; 8 at most along x."""
-    x, y, z = (band_mm(spacing_mm) / side for side in spacing_mm)
+    """Return `_band_mm` in samples of the label along x, y and z; 8 at most along x."""
+    x, y, z = (_band_mm(spacing_mm) / side for side in spacing_mm)
     return min(WIDTH, math.ceil(x)), math.ceil(y), max(1, round(z))
 
 
@@ -167,7 +167,7 @@ def constrained_steps(
         code, inside, inside_label = yield from stages.run(finding, looking)
         smoother = _Smoother(code, spacing_mm, steps, inside_label, pool)
         yield from stages.run(smoothing, smoother.smooth_steps())
-        fine, limit = smoother.levels[-1], band_mm(spacing_mm)
+        fine, limit = smoother.levels[-1], _band_mm(spacing_mm)
         label = RefinedLabel(mask, spacing_mm, steps, close_border, fine.bricks, fine.start, inside, limit)
         yield from stages.run(islands, keep_islands_steps(label, budget))
         whole = yield from smoother.whole_steps()

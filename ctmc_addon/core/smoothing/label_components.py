@@ -42,7 +42,7 @@ class LabelComponents:
     voxels: Indices
     label: NDArray[Any]
 
-    def some(self, selected: NDArray[np.bool_]) -> LabelComponents:
+    def select(self, selected: NDArray[np.bool_]) -> LabelComponents:
         """Return only the selected components, (components,) bool."""
         number = np.cumsum(selected) - 1
         kept = selected[self.component]

@@ -9,7 +9,7 @@ from ..errors import AbsentLabelError, SettingsError
 from ..machine.budget import Budget
 from ..progress import Stages, Steps
 from ..settings import ReconstructionSettings
-from ..volume.field import Field
+from ..volume.field import ScalarField
 from ..volume.field_values import GrayValues, LabelMask
 from ..volume.labels.extents import (
     existing_labels_steps,
@@ -25,7 +25,7 @@ from ..volume.volume import Box, Volume
 from .choices import for_labels_text, is_for_gray
 from .methods import refinement_of, smoothing_of
 
-VALUES_STAGE, LABEL_STAGE, SMOOTHING = "Looking at the values", "Finding the label", "Smoothing"
+VALUES_STAGE, LABEL_STAGE, SMOOTHING = "Checking values", "Finding the label", "Smoothing"
 
 
 def field_steps(
@@ -35,7 +35,7 @@ def field_steps(
     window: Box | None = None,
     with_surface: bool = False,
     region: Box | None = None,
-) -> Steps[Field]:
+) -> Steps[ScalarField]:
     """Return the field of a volume that is extracted with some settings.
 
     Parameters
@@ -88,7 +88,7 @@ def field_steps(
         plain = GrayValues(part, relative_box(grown_box(window, reach, volume.size), origin), settings.nan_as)
     else:
         plain = LabelMask(part, settings.label)
-    field = Field(part, volume.shape, settings, plain, origin, window, threshold, notes, threshold, inner)
+    field = ScalarField(part, volume.shape, settings, plain, origin, window, threshold, notes, threshold, inner)
     if not smoothing.smooths:
         return field
     if not smoothing.by_slabs:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .printing.walls import Walls as Walls, walls_steps as walls_steps
     from .request import (
         LARGEST_MM as LARGEST_MM,
+        LENGTHS as LENGTHS,
         MOST_CUTS as MOST_CUTS,
         MOST_PEGS as MOST_PEGS,
         Combination as Combination,

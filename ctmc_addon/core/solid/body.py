@@ -37,17 +37,17 @@ class Body:
     mesh : TriangleMesh
         RAS+ mm.
     lattice : Lattice
-        Of its fields.
+        Samples at which its fields are taken.
     budget : Budget
     around : Lattice, optional
-        The lattice of a group, of which `lattice` is a part; by default the same.
+        The whole lattice of a group, if `lattice` is a part of one; by default the same.
 
     Attributes
     ----------
     inside : (z, y, x) bool or None
         Samples inside; None if the surface was not extracted on this very lattice.
     on_edges : (keys, positions) or None
-        Vertices on edges of the lattice `around`, as `Recipe` takes them; None if most lie elsewhere.
+        Vertices on edges of the lattice `around`, as `Recipe` expects them; None if most lie elsewhere.
     """
 
     mesh: TriangleMesh
@@ -71,15 +71,15 @@ class Body:
             self.inside = yield from inside_steps(self.mesh, self.lattice, self.budget)
 
     def on_steps(self, lattice: Lattice, around: Lattice | None = None) -> Steps[Body]:
-        """Return the same surface on another lattice, ready."""
+        """Return the same surface on another lattice, prepared."""
         body = replace(self, lattice=lattice, around=around, inside=None, on_edges=None, _distances={})
         yield from body.prepare_steps()
         return body
 
     def bulge_steps(self) -> Steps[None]:
-        """Move the surface that distances are measured from outward by what its triangles cut off.
+        """Move the surface outward by the depth that its triangles cut off, so that distances start at the true one.
 
-        A ball of 10 voxels that is thickened by 1.8 is 0.14 % too small then, not 0.51 %.
+        A ball of 10 voxels thickened by 1.8 is then 0.14 % too small instead of 0.51 %.
         """
         normals = yield from sphere_normals_steps(self.mesh.vertices, self.mesh.faces)
         vertices, inward = (np.ascontiguousarray(each.T, np.float64) for each in (self.mesh.vertices, -normals))
@@ -87,7 +87,7 @@ class Body:
         self.mesh = replace(self.mesh, vertices=(vertices - inward * depths).T.astype(np.float32))
 
     def signed_steps(self) -> Steps[SignedSurface]:
-        """Return the surface, ready for signed distances."""
+        """Return the surface, prepared for signed distances."""
         if self._signed is None:
             signed = SignedSurface()
             yield from signed.prepare_steps(self.mesh)
@@ -95,7 +95,7 @@ class Body:
         return self._signed
 
     def field_steps(self, level: float) -> Steps[StructureField]:
-        """Return the field of a level, mm inside the surface."""
+        """Return the field that is 0 at a depth of `level` mm inside the surface."""
         if level == 0 and self.inside is not None:
             tree = yield from self._tree_steps()
             return StructureField(tree, self.lattice, self.inside)
@@ -105,7 +105,7 @@ class Body:
         return StructureField(tree, self.lattice, inside, distance, level)
 
     def distances_steps(self, level: float) -> Steps[Floats]:
-        """Return distances that are exact where a level passes, (z, y, x) float32 mm, positive inside."""
+        """Return signed distances, exact near the level: (z, y, x) float32, mm, positive inside."""
         if level not in self._distances:
             surface: SignedSurface | TriangleTree
             surface = yield from self.signed_steps() if self.inside is None else self._tree_steps()
@@ -114,7 +114,7 @@ class Body:
         return self._distances[level]
 
     def forget_distances(self, level: float) -> None:
-        """Free the distances of a level; they are measured again where they are asked for."""
+        """Free the distances of a level; `distances_steps` measures them again if needed."""
         self._distances.pop(level, None)
 
     def _tree_steps(self) -> Steps[TriangleTree]:
@@ -126,12 +126,12 @@ class Body:
 
 
 def edges_of(bodies: Sequence[Body]) -> OnEdges | None:
-    """Return the vertices of bodies that lie on edges of the lattice, one for each edge; None if any is not known."""
-    known = [body.on_edges for body in bodies if body.on_edges is not None]
-    if len(known) < len(bodies):
+    """Return the vertices of bodies on edges of the lattice, one for each edge; None if a body has no such vertices."""
+    on_edges = [body.on_edges for body in bodies if body.on_edges is not None]
+    if len(on_edges) < len(bodies):
         return None
-    if len(known) == 1:
-        return known[0]
-    keys = np.concatenate([each for each, _ in known])
+    if len(on_edges) == 1:
+        return on_edges[0]
+    keys = np.concatenate([each for each, _ in on_edges])
     unique, first = np.unique(keys, return_index=True)
-    return unique, np.concatenate([positions for _, positions in known])[first]
+    return unique, np.concatenate([positions for _, positions in on_edges])[first]

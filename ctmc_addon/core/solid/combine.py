@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Make one structure of several, after each has been thickened and hollowed by itself."""
+"""Combine structures into one, after each has been thickened and hollowed by itself."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ from ..machine.budget import Budget
 from ..progress import Steps
 from ..surfaces.each_label import without
 from .body import Body, edges_of
-from .cells.extract import Recipe, extract_parts_steps
+from .cells.extract import extract_parts_steps
+from .cells.recipe import Recipe
 from .fields.lattice import Lattice
 from .fields.lattice_fields import HeldField
 from .request import Combination, Combining, SolidRequest
 from .rule import PartRule
 from .structure import (
-    Structure,
+    SolidStructure,
     body_steps,
     bulged_steps,
     drain_steps,
@@ -37,23 +38,25 @@ class Combined(NamedTuple):
 
     Parameters
     ----------
-    structures : list of Structure
-        Those that are left, new ones last, and those that could not be made, with their errors.
+    structures : list of SolidStructure
+        Structures that failed, with their errors, then those that are left, new ones last.
     left_out : list of str
         A sentence for each combination that could not be made.
     """
 
-    structures: list[Structure]
+    structures: list[SolidStructure]
     left_out: list[str]
 
 
-def named_by(structures: Sequence[Structure], solid: SolidRequest, absent: Container[str] = ()) -> list[Structure]:
+def named_by(
+    structures: Sequence[SolidStructure], solid: SolidRequest, absent: Container[str] = ()
+) -> list[SolidStructure]:
     """Return the structures that combinations name.
 
     Raises
     ------
     SettingsError
-        For a name that no structure has when its combination is made, nor one of those that are `absent`.
+        For a name that neither a structure has when its combination is made, nor is `absent`.
     """
     numbers = {str(each.result.settings.label): each.name for each in structures}
     there = dict.fromkeys(each.name for each in structures)
@@ -80,10 +83,10 @@ def named_by(structures: Sequence[Structure], solid: SolidRequest, absent: Conta
 
 
 def combined_steps(
-    structures: Sequence[Structure], solid: SolidRequest, budget: Budget, all_needed: bool = False
+    structures: Sequence[SolidStructure], solid: SolidRequest, budget: Budget, all_needed: bool = False
 ) -> Steps[Combined]:
-    """Return what is left of structures after all combinations; an error is raised if all are needed."""
-    bodies: list[tuple[Structure, Body]] = []
+    """Make all combinations; with `all_needed` raise the first error, else leave out what cannot be made."""
+    bodies: list[tuple[SolidStructure, Body]] = []
     lattice = lattice_of(structures, solid) if structures else None
     for structure in structures:
         assert lattice is not None, "there are structures"
@@ -112,7 +115,11 @@ def combined_steps(
 
 
 def _shaped_steps(
-    structure: Structure, solid: SolidRequest, lattice: Lattice, budget: Budget, bodies: list[tuple[Structure, Body]]
+    structure: SolidStructure,
+    solid: SolidRequest,
+    lattice: Lattice,
+    budget: Budget,
+    bodies: list[tuple[SolidStructure, Body]],
 ) -> Steps[None]:
     """Thicken and hollow a structure by itself, and add it to `bodies`."""
     body = yield from body_steps(structure.mesh, lattice, budget)
@@ -130,9 +137,9 @@ def _shaped_steps(
 
 
 def _joined_steps(
-    combination: Combination, members: Sequence[tuple[Structure, Body]], lattice: Lattice, budget: Budget
-) -> Steps[tuple[Structure, Body]]:
-    """Make one structure of several."""
+    combination: Combination, members: Sequence[tuple[SolidStructure, Body]], lattice: Lattice, budget: Budget
+) -> Steps[tuple[SolidStructure, Body]]:
+    """Make the structure of one combination."""
     values: Floats | None = None
     for _, body in members:
         own = yield from body.distances_steps(0.0)
@@ -157,7 +164,7 @@ def _joined_steps(
         raise MeshError(f"nothing is left of {combination.name}, because {why}; choose other structures")
     first = members[0][0]
     notes = [note for structure, _ in members for note in structure.notes]
-    joined = Structure(
+    joined = SolidStructure(
         combination.name,
         replace(first.result, label_name=combination.name, mesh=mesh, label_color=None),
         first.volume,
@@ -168,7 +175,7 @@ def _joined_steps(
     return joined, (yield from body_steps(mesh, lattice, budget))
 
 
-def _named(name: str, bodies: Sequence[tuple[Structure, Body]]) -> tuple[Structure, Body] | None:
+def _named(name: str, bodies: Sequence[tuple[SolidStructure, Body]]) -> tuple[SolidStructure, Body] | None:
     """Return a structure by its name, or by its label; None if it could not be made."""
     for each in bodies:
         structure = each[0]

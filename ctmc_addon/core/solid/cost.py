@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Predict time and memory of a solid's parts from counted surfaces, before any surface is made.
 
-The lattice is that around the counted box, with steps divided as for the parts. Triangles grow with its area; seconds
-are multiples of a unit of extraction, corrected by the last solid that was made in this process (`planning.rates`).
+The lattice lies around the counted box, with steps divided as for the parts. Triangles grow with the area; seconds are
+multiples of a unit of extraction, corrected by the last solid made in this process (`planning.rates`).
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 from ..arithmetic import cube_root
 from ..machine.budget import Budget
+from ..measures.reconstruction import Reconstruction
 from ..planning.counted_surface import CostEstimate
 from ..planning.rates import CALIBRATION
-from ..reconstruction import Reconstruction
 from ..surfaces.request import share_walls
 from .fields.lattice import AROUND, steps_in
 from .printing.printed import PRINTING
@@ -23,43 +23,43 @@ from .request import SolidRequest
 from .structure import MAKING, PER_HOLE, divisions, margin_of
 
 SOLID = "solid"
-"""The way, among those of `planning.rates`, whose stages are learned here."""
+"""The key in `planning.rates` under which the seconds of these stages are learned."""
 
 
 @dataclass(frozen=True)
 class SolidRatios:
-    """Work for a solid in multiples of extracting a triangle of the ball, and what its parts have of triangles.
+    """Work for a solid in multiples of extracting a triangle of the ball, and triangles of its parts.
 
-    Found on a vertebra, a hip and a liver that were hollow, cut, pegged and thickened, on 60 organs that touch, and on
-    the bone of a thorax: time within a factor of 1.5, memory never too little.
+    Measured on a vertebra, a hip and a liver that were hollow, cut, pegged and thickened, on 60 organs that touch, and
+    on the bone of a thorax: time within a factor of 1.5, memory never too low.
 
     Parameters
     ----------
     started : float
-        For a group of structures.
+        Work for each group of structures.
     sampling, making, printing : float
-        For a sample of the lattice, and for a triangle of the parts.
+        Work for each sample of the lattice, and for each triangle of the parts.
     rims : float
-        Further share of making a triangle where several surfaces pass through cells, or the surface was not extracted
-        on the lattice, as its steps are divided.
+        Further share of making a triangle where several surfaces pass through cells, or where the steps of the lattice
+        are divided, so that the surface was not extracted on it.
     inner, rough_inner : float
-        Surface of the hollow of a label and of a threshold, as a share of the outer one.
+        Area of the hollow's surface, for a label and for a threshold, as a share of the outer area.
     thin : float
-        Further share of triangles where a wall is as thin as a step, falling to none at 4/3 of it: two surfaces pass
-        through most cells there.
+        Further share of triangles where a wall is as thin as a step, because two surfaces pass through most cells
+        there; it falls to 0 at 4/3 of a step.
     section : float
         Triangles of a cut, as a share of the surface.
     touching : float
-        Further share of triangles of structures that touch, where three surfaces meet.
+        Further share of triangles for structures that touch, where three surfaces meet.
     tries : float
-        How often these are extracted, as moving their walls a little takes crossings away.
+        Number of times these are extracted, because moving their walls a little removes crossings.
     pegs : float
-        Triangles of a square of a step on pegs and holes.
+        Triangles on each square of one step on pegs and holes.
     started_bytes, sample_bytes, again_bytes, slot_bytes, face_bytes, rim_bytes, touching_bytes : int
-        Bytes for a group; for a sample, more where it is thickened before it is hollow, and for each further slot; for
-        a triangle of the parts, more with `rims` and of structures that touch.
+        Bytes for a group; for a sample, more if it is thickened before it is made hollow, and more for each further
+        slot; for a triangle of the parts, more with `rims` and for structures that touch.
     slots : int
-        Structures that meet in one place, at most.
+        Largest number of structures that meet at one point.
     """
 
     started: float = 3.5e6
@@ -90,7 +90,7 @@ GIB = 1 << 30
 
 @dataclass(frozen=True)
 class SolidCost:
-    """What the parts of a solid cost beside the surfaces that they are made of.
+    """Cost of the parts of a solid, without the surfaces that they are made from.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class SolidCost:
         return sum(self.stage_seconds.values())
 
     def refusal(self, available: int | None) -> str:
-        """Return why the parts cannot be made in so many bytes, and what would help; empty if they fit."""
+        """Return why the parts do not fit in `available` bytes, with a remedy; empty if they fit."""
         if available is None or self.memory <= available:
             return ""
         needed, there = self.memory / GIB, available / GIB
@@ -133,7 +133,7 @@ class SolidCost:
         return {MAKING: CALIBRATION.unit * self.work, PRINTING: CALIBRATION.unit * RATIOS.printing * self.faces}
 
     def learn(self, parts: Sequence[Reconstruction]) -> None:
-        """Correct the next prediction by the seconds of these parts, which were made as predicted."""
+        """Correct the next prediction by the seconds that these parts took."""
         making = {stage for part in parts for stage in part.stages if stage.name == MAKING}  # Once for each group.
         printing = [stage for part in parts for stage in part.stages if stage.name == PRINTING]
         for name, stages in ((MAKING, making), (PRINTING, printing)):
@@ -155,12 +155,12 @@ class _Group:
 
     @property
     def divisions(self) -> tuple[int, int, int]:
-        """Into how many steps of the lattice a side is divided along x, y and z."""
+        """Number of lattice steps in a side along x, y and z."""
         return divisions(self.sides_mm, self.solid)
 
     @property
     def refined(self) -> tuple[float, float, float]:
-        """How many steps there are for one along x, y and z, on average, as those around holes are divided again."""
+        """Mean number of steps that each step becomes along x, y and z, because those around holes are divided."""
         along, solid = float(cube_root(self.samples)), self.solid
         holes = [(drain.diameter, drain.diameter, 1 if drain.point is not None else 2) for drain in solid.drains]
         if solid.pegs is not None:
@@ -178,13 +178,13 @@ class _Group:
 
     @property
     def all_samples(self) -> float:
-        """Samples with those around holes."""
+        """Number of samples, with the further ones around holes."""
         x, y, z = self.refined
         return self.samples * x * y * z
 
     @property
     def thin(self) -> float:
-        """How thin a wall is against the steps, 1 for one step."""
+        """Thinness of the wall relative to the steps: 1 for a wall of one step."""
         if not self.solid.hollow:
             return 0.0
         longest = max(side / parts for side, parts in zip(self.sides_mm, self.divisions, strict=True))
@@ -196,7 +196,7 @@ class _Group:
 
     @property
     def faces(self) -> int:
-        """Triangles of the parts."""
+        """Number of triangles of the parts."""
         solid = self.solid
         steps = [side / parts for side, parts in zip(self.sides_mm, self.divisions, strict=True)]
         x, y, z = (parts * more for parts, more in zip(self.divisions, self.refined, strict=True))
@@ -218,7 +218,7 @@ class _Group:
 
     @property
     def memory(self) -> int:
-        """Bytes at most."""
+        """Peak bytes."""
         sample = RATIOS.sample_bytes + RATIOS.again_bytes * self.is_made_twice
         sample += RATIOS.slot_bytes * self.slots if self.slots > 1 else 0
         face = RATIOS.face_bytes + RATIOS.rim_bytes * self.has_rims + RATIOS.touching_bytes * (self.slots > 1)
@@ -232,7 +232,7 @@ class _Group:
 
 
 def solid_cost(estimates: Sequence[CostEstimate], solid: SolidRequest, most_voxels: int) -> SolidCost:
-    """Predict the cost of the parts of surfaces that were counted.
+    """Predict the cost of the parts made from counted surfaces.
 
     Parameters
     ----------
@@ -242,8 +242,8 @@ def solid_cost(estimates: Sequence[CostEstimate], solid: SolidRequest, most_voxe
         Voxels of the region that all structures lie in, at the stride.
     """
     first = estimates[0]
-    together = solid.combinations or share_walls([estimate.settings for estimate in estimates])
-    if len(estimates) > 1 and together:
+    sharing = solid.combinations or share_walls([estimate.settings for estimate in estimates])
+    if len(estimates) > 1 and sharing:
         voxels = min(most_voxels, sum(estimate.voxels for estimate in estimates))
         faces = sum(estimate.faces for estimate in estimates)
         slots = min(len(estimates), RATIOS.slots)
@@ -276,7 +276,7 @@ def require_memory(
     sides_mm : (x, y, z) float
         Steps of the samples that the surfaces were extracted from.
     samples : int
-        Of the lattice.
+        Samples of the lattice.
     slots : int
     faces : int
         Triangles of all surfaces.
@@ -296,7 +296,7 @@ def require_memory(
 
 
 def _samples(voxels: int, sides_mm: tuple[float, float, float], solid: SolidRequest) -> int:
-    """Return the samples of the lattice around a box of voxels, about as if it were a cube."""
+    """Return about how many samples the lattice around a box of voxels has, as if it were a cube."""
     along = float(cube_root(voxels))
     samples = 1.0
     for side, parts in zip(sides_mm, divisions(sides_mm, solid), strict=True):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Finish the parts of a solid: simplify them together, and describe each."""
+"""Simplify the parts of a solid as one complex, and describe each."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..machine.budget import Budget
+from ..measures.reconstruction import Reconstruction, Stage
 from ..mesh.labels.label_complex import ComplexMesh, borders_of
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Steps
-from ..reconstruction import Reconstruction, Stage
 from ..simplification.complexes.flats import Flat
 from ..simplification.policy import SOLIDS
 from ..sinks import HOLD
 from ..surfaces.finish import AVERAGING, LOOKING, SIMPLIFYING, Finish, averaged_steps
 from ..surfaces.finish_labels import crossings_of, own_surfaces_steps, simplified_labels_steps
-from .cells.extract import Recipe
+from .cells.recipe import Recipe
 from .fields.lattice_fields import LEAST, ShapeField
 
 WEIGHTS = {SIMPLIFYING: 30, AVERAGING: 5, LOOKING: 15}
@@ -32,16 +32,16 @@ def finished_parts_steps(
     flats: Sequence[Flat],
     budget: Budget,
 ) -> Steps[dict[int, Reconstruction]]:
-    """Return the parts by their numbers, simplified together where their settings ask for that.
+    """Return the parts by their numbers, simplified as one complex if their settings ask for that.
 
     Parameters
     ----------
     structures : mapping of int to Reconstruction
-        The structure of every part, by its number, with the part's name and all notes.
+        By the number of a part: its structure, with the name of the part and all notes.
     mesh : ComplexMesh
-        Sides are the parts' numbers.
+        The sides of triangles are numbers of parts.
     crossings : (n, 2) int64
-        Pairs of its triangles that cross.
+        Pairs of triangles that cross.
     flats : sequence of Flat
         Planes that stay flat.
     budget : Budget
@@ -74,19 +74,19 @@ def finished_parts_steps(
 
 
 def flats_of(recipe: Recipe, numbers: Sequence[int]) -> list[Flat]:
-    """Return the planes of a recipe's shapes, by the numbers of their fields; parallel ones are one flat."""
+    """Return the planes of a recipe's shapes, given by their fields; planes that coincide are one flat."""
     heights: dict[tuple[float, float, float], list[float]] = {}
     for number in numbers:
         field = recipe.fields[number]
         assert isinstance(field, ShapeField)
         for normal, height in field.shape.planes:
             heights.setdefault(normal, []).append(height + field.shift)
-    near = 2 * LEAST * recipe.lattice.shortest_mm  # As far as a vertex is placed from where a shape is 0, at most.
+    near = 2 * LEAST * recipe.lattice.shortest_mm  # Vertices lie at most this far from a shape.
     return [Flat(np.array(normal), np.array(each), near) for normal, each in heights.items()]
 
 
 def _summed(stages: Sequence[Stage]) -> tuple[Stage, ...]:
-    """Return each stage once, with all of its seconds."""
+    """Return each stage once, with the sum of its seconds."""
     seconds: dict[str, float] = {}
     for name, each in stages:
         seconds[name] = seconds.get(name, 0.0) + each
@@ -94,7 +94,7 @@ def _summed(stages: Sequence[Stage]) -> tuple[Stage, ...]:
 
 
 def part_names(name: str, numbers: Sequence[int]) -> dict[int, str]:
-    """Return the name of every part: the structure's, and a letter where there are several.
+    """Return the name of every part: that of the structure, with a letter if there are several parts.
 
     Examples
     --------
@@ -107,6 +107,6 @@ def part_names(name: str, numbers: Sequence[int]) -> dict[int, str]:
 
 
 def _letters(number: int) -> str:
-    """Return a, b, ... z, aa, ab and on."""
+    """Return a to z, then aa, ab and so on."""
     rest, last = divmod(number, 26)
     return (_letters(rest - 1) if rest else "") + "abcdefghijklmnopqrstuvwxyz"[last]

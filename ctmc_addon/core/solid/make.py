@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Make the parts of a solid: surfaces of structures, what is done to their fields, and the parts' own surfaces."""
+"""Make the parts of a solid: extract surfaces, apply the operations to their fields, and extract the parts."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from ..machine.budget import Budget
 from ..maps.make import MAPPING, mapped_steps
 from ..maps.quantity import Quantity
 from ..maps.request import MapRequest
+from ..measures.reconstruction import Reconstruction
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Stages, Steps, equal_part, finish
-from ..reconstruction import Reconstruction
 from ..settings import SIMPLIFICATION, ReconstructionSettings
 from ..structures import structure_names
 from ..surfaces.each_label import left_out, no_surface, without
@@ -25,18 +25,18 @@ from .combine import Combined, combined_steps, named_by
 from .parts import PartsMaking
 from .printing.printed import PRINTING, printed_steps
 from .request import SolidRequest, require_different_cuts
-from .structure import MAKING, Structure, check_cuts, share_drains_steps
+from .structure import MAKING, SolidStructure, check_cuts, share_drains_steps
 
 SURFACES = "Surfaces"
 
 
 class MadeParts(NamedTuple):
-    """Parts of a solid, and why other structures have none.
+    """Parts of a solid, and the reasons why structures were left out.
 
     Parameters
     ----------
     parts : list of Reconstruction
-        Structure by structure; `label_name` is the name of the part, such as "hip a".
+        In the order of structures; `label_name` is the name of the part, such as "hip a".
     left_out : list of str
         A sentence for each structure that could not be made; empty if all are needed.
     """
@@ -59,11 +59,11 @@ def solid_parts(
     ----------
     volume : Volume
     settings : ReconstructionSettings
-        Of the surfaces that the solid is made from, which are closed at the border; simplification is that of the
-        parts.
+        Settings of the surfaces that the solid is made from; these are closed at the border, and only the parts are
+        simplified.
     solid : SolidRequest
     labels : sequence of int
-        Labels to make it of; by default the surface of the settings.
+        Labels to make the solid from; by default the surface of the settings.
     budget : Budget, optional
     maps : sequence of Quantity or MapRequest
         Maps to make on the parts.
@@ -71,15 +71,15 @@ def solid_parts(
     Returns
     -------
     list of Reconstruction
-        Parts, structure by structure; `label_name` is the name of the part, such as "hip a".
+        Parts, in the order of structures; `label_name` is the name of the part, such as "hip a".
 
     Raises
     ------
     CtmcError
-        With one sentence for the user, on the first structure that cannot be made.
+        If a structure cannot be made; the first one is reported.
     """
-    chosen = [replace(settings, threshold=None, label=label) for label in labels] or [settings]
-    requests = [SurfaceRequest(each) for each in chosen]
+    numbers = [replace(settings, threshold=None, label=label) for label in labels] or [settings]
+    requests = [SurfaceRequest(each) for each in numbers]
     making = solid_parts_steps(volume, requests, solid, budget, maps=MapRequest.of(maps), all_needed=True)
     return finish(making).parts
 
@@ -94,9 +94,10 @@ def solid_parts_steps(
     maps: MapRequest | None = None,
     all_needed: bool = False,
 ) -> Steps[MadeParts]:
-    """`solid_parts` as steps; closing the generator cancels. Sinks of the requests are ignored: all parts are held.
+    """Make the parts as `solid_parts` does, in steps; closing the generator cancels.
 
-    Of several structures those that cannot be made are left out, unless `all_needed`.
+    All parts are held in memory: the sinks of the requests are ignored. Unless `all_needed`, structures that cannot be
+    made are left out.
     """
     require_different_cuts(solid.cuts)
     budget = budget or Budget()
@@ -107,23 +108,23 @@ def solid_parts_steps(
     all_needed = all_needed or len(requests) == 1
     making = make_surfaces_steps(volume, plain, budget, labels=labels, all_needed=all_needed)
     outcomes = yield from stages.run(SURFACES, making)
-    made, errors = [], {}
+    surfaces, errors = [], {}
     for request, outcome in zip(requests, outcomes, strict=True):
         if isinstance(outcome, MadeSurface):
-            made.append((request.settings, outcome.result))
+            surfaces.append((request.settings, outcome.result))
         elif isinstance(outcome, (LabelError, MeshError, ThresholdError)) and request.settings.label is not None:
             errors[request.settings.label] = outcome
         else:
             raise outcome
-    if not made:
+    if not surfaces:
         raise no_surface(labels or volume, errors)
     structures = [
-        Structure(
+        SolidStructure(
             name,
             replace(result, label_name=name, settings=settings, solid=solid),
             volume if settings.label is None else labels or volume,
         )
-        for name, (settings, result) in zip(_names(volume, [result for _, result in made]), made, strict=True)
+        for name, (settings, result) in zip(_names(volume, [result for _, result in surfaces]), surfaces, strict=True)
     ]
     sentences = [left_out(labels or volume, label, error) for label, error in errors.items()]
     absent = {name for label in errors for name in (str(label), (labels or volume).label_names.get(label, ""))}
@@ -140,16 +141,16 @@ def solid_parts_steps(
 
     def surface_steps(settings: ReconstructionSettings) -> Steps[TriangleMesh]:
         source = volume if settings.label is None else labels or volume
-        [other] = yield from make_surfaces_steps(source, [SurfaceRequest(settings)], budget, all_needed=True)
-        assert isinstance(other, MadeSurface), "an error is raised"
-        return other.result.mesh
+        [outcome] = yield from make_surfaces_steps(source, [SurfaceRequest(settings)], budget, all_needed=True)
+        assert isinstance(outcome, MadeSurface), "an error is raised"
+        return outcome.result.mesh
 
     mapped = yield from stages.run(MAPPING, mapped_steps(volume, parts, maps, budget, surface_steps))
     return MadeParts(mapped, sentences)
 
 
-def _left_out(structure: Structure) -> str:
-    """Return the note on a structure that could not be made."""
+def _left_out(structure: SolidStructure) -> str:
+    """Return the sentence that says why a structure was left out."""
     label = structure.result.settings.label
     assert structure.error is not None
     if label is None or structure.is_combined:
@@ -158,18 +159,18 @@ def _left_out(structure: Structure) -> str:
 
 
 def _names(volume: Volume, results: Sequence[Reconstruction]) -> list[str]:
-    """Return the name of every structure: its label's, or the volume's."""
+    """Return the name of every structure: that of its label, or of the volume."""
     if len(results) == 1 and results[0].settings.label is None:
         return [volume.name]
     return list(structure_names(results))
 
 
 def _structures_steps(
-    structures: list[Structure], solid: SolidRequest, budget: Budget, all_needed: bool, absent: Container[str]
+    structures: list[SolidStructure], solid: SolidRequest, budget: Budget, all_needed: bool, absent: Container[str]
 ) -> Steps[Combined]:
-    """Make the parts of all structures: by themselves, or together where they share walls or may overlap.
+    """Make the parts of all structures, each by itself unless some share walls or may overlap.
 
-    `absent` are names and numbers of labels without a surface.
+    `absent` holds the names and numbers of labels without a surface.
     """
     left_out: list[str] = []
     for structure in structures:
@@ -192,7 +193,7 @@ def _structures_steps(
     return Combined(structures, left_out)
 
 
-def _touching(structures: Sequence[Structure], solid: SolidRequest) -> list[list[Structure]]:
+def _touching(structures: Sequence[SolidStructure], solid: SolidRequest) -> list[list[SolidStructure]]:
     """Return groups of structures that share walls or may grow into each other."""
     grown = max(solid.thicken, 0.0) + solid.base + solid.least_wall / 2
     boxes = {
@@ -200,13 +201,13 @@ def _touching(structures: Sequence[Structure], solid: SolidRequest) -> list[list
         for each in structures
     }
 
-    def meets(first: Structure, second: Structure) -> bool:
+    def meets(first: SolidStructure, second: SolidStructure) -> bool:
         if second.result.settings.label in {neighbor.label for neighbor in first.result.neighbors}:
             return True
         (low, high), (other_low, other_high) = boxes[first.name], boxes[second.name]
         return bool(grown and (low <= other_high).all() and (other_low <= high).all())
 
-    groups: list[list[Structure]] = []
+    groups: list[list[SolidStructure]] = []
     for structure in structures:
         met = [group for group in groups if any(meets(structure, each) for each in group)]
         groups = [group for group in groups if group not in met]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Parts of structures that are made together, or of one: thicken, hollow, drain, cut, least wall, base.
+"""Make the parts of one structure, or of several that touch: thicken, hollow, drain, cut, least wall, base.
 
-Structures are thickened first if they are hollow, so that walls are measured from the new surface. All else is one
-extraction from all fields at once; thin walls and feet are found on extractions without them.
+Structures that become hollow are thickened first, so that walls are measured from the new surface. Everything else is
+one extraction from all fields at once. Thin walls and feet are placed by extractions without them.
 """
 
 from __future__ import annotations
@@ -14,12 +14,13 @@ import numpy as np
 
 from ..errors import MeshError
 from ..machine.budget import Budget
+from ..measures.reconstruction import Reconstruction, Stage
 from ..mesh.labels.label_complex import ComplexMesh
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import PAUSE, Stages, Steps
-from ..reconstruction import Reconstruction, Stage
 from .body import Body
-from .cells.extract import Recipe, extract_parts_steps
+from .cells.extract import extract_parts_steps
+from .cells.recipe import Recipe
 from .cost import RATIOS, require_memory
 from .fields.depth import depth_below
 from .fields.lattice import Lattice
@@ -32,11 +33,12 @@ from .placing.joints import Joined, cut_pegs_steps
 from .placing.least_wall import Thickening, thin_walls_steps
 from .placing.pegs import bosses_steps
 from .placing.standing import Feet, feet_steps, stood_steps
-from .request import Pegs, SolidRequest
+from .request import Pegs, SolidRequest, numbers_text
 from .rule import PartRule
+from .slots import StructureSlots
 from .structure import (
     MAKING,
-    Structure,
+    SolidStructure,
     body_steps,
     bulged_steps,
     drain_steps,
@@ -46,23 +48,22 @@ from .structure import (
     sides_of,
     tried_steps,
 )
-from .together import Together
 
-WALL_TRIES = 6  # Thicken what is still too thin this often.
+WALL_TRIES = 6  # Thicken walls that are still too thin at most this often.
 
 
 class PartsMaking:
     """Make the parts of structures that share walls, or of one."""
 
     def __init__(
-        self, structures: Sequence[Structure], solid: SolidRequest, budget: Budget, all_needed: bool = True
+        self, structures: Sequence[SolidStructure], solid: SolidRequest, budget: Budget, all_needed: bool = True
     ) -> None:
         self.structures, self.solid, self.budget, self.all_needed = list(structures), solid, budget, all_needed
         shaped = self.structures[0].is_shaped
         self.thicken, self.hollow = (0.0, 0.0) if shaped else (solid.thicken, solid.hollow)
         self.planes = [HalfSpace(cut.point, cut.normal) for cut in solid.cuts]
         self.bodies: list[Body] = []
-        self.walls: dict[Structure, Shape] = {}
+        self.walls: dict[SolidStructure, Shape] = {}
         self.pegs: list[tuple[Shape, Shape] | None] = []
         self.bosses: list[Shape] = []
         self.bars: list[Bar] = []
@@ -70,7 +71,7 @@ class PartsMaking:
         self.standing: dict[int, list[str]] = {}
 
     def parts_steps(self) -> Steps[None]:
-        """Make the parts of every structure; those that cannot be made get an error, unless all are needed."""
+        """Make the parts of every structure; unless all are needed, structures that cannot be made keep the error."""
         yield from tried_steps(self.structures, self._made_steps(), self.all_needed)
 
     def _made_steps(self) -> Steps[None]:
@@ -81,14 +82,14 @@ class PartsMaking:
             structure.result = replace(structure.result, stages=(*structure.result.stages, stage))
         yield from stages.run("", self._finished_steps(mesh))
 
-    def _each_steps(self, work_steps: Callable[[Structure, Body], Steps[None]]) -> Steps[None]:
-        """Work on every structure, and go on without those that cannot be made."""
+    def _each_steps(self, work_steps: Callable[[SolidStructure, Body], Steps[None]]) -> Steps[None]:
+        """Run the work for every structure, and drop structures that fail."""
         for structure, body in zip(self.structures, self.bodies, strict=True):
             yield from tried_steps([structure], work_steps(structure, body), self.all_needed)
         self._leave_out()
 
     def _leave_out(self) -> None:
-        """Go on without structures that cannot be made; raise the error of one of them if no other is left."""
+        """Drop structures with an error; raise the error of the first if none is left."""
         pairs = zip(self.structures, self.bodies, strict=True)
         kept = [(structure, body) for structure, body in pairs if structure.error is None]
         if not kept:
@@ -98,15 +99,15 @@ class PartsMaking:
         if len(kept) < len(self.structures):
             self._keep([structure for structure, _ in kept], [body for _, body in kept])
 
-    def _keep(self, structures: Sequence[Structure], bodies: Sequence[Body]) -> None:
-        """Go on with some structures, and with these bodies of them."""
+    def _keep(self, structures: Sequence[SolidStructure], bodies: Sequence[Body]) -> None:
+        """Keep only these structures, with these bodies."""
         self.structures, self.bodies = list(structures), list(bodies)
         self.walls = {structure: shape for structure, shape in self.walls.items() if structure in self.structures}
         base = self.solid.base and self.solid.base + STEPS_UNDER_CENTER * max(self.lattice.sides_mm)
         growth = max(self.thicken, 0.0) + base + self.solid.least_wall
-        self.together = Together(self.bodies, self.lattice, growth, self.budget, has_feet=base > 0)
-        self.together.require_fields(len(self.planes) + bool(self.hollow))
-        self.together.require_memory()
+        self.slots = StructureSlots(self.bodies, self.lattice, growth, self.budget, has_feet=base > 0)
+        self.slots.require_fields(len(self.planes) + bool(self.hollow))
+        self.slots.require_memory()
 
     def _mesh_steps(self) -> Steps[ComplexMesh]:
         """Return the surfaces of all parts."""
@@ -138,17 +139,17 @@ class PartsMaking:
         return mesh if self.feet is None else (yield from self._stood_steps(mesh, self.feet))
 
     def _body_steps(self, mesh: TriangleMesh) -> Steps[Body]:
-        """Return a mesh on the lattice; one of several on the part around it, which saves time and memory."""
+        """Return the body of a mesh, on a part of the lattice if there are several, which saves time and memory."""
         if len(self.structures) == 1:
             return (yield from body_steps(mesh, self.lattice, self.budget))
         return (yield from body_steps(mesh, self._lattice_around(mesh), self.budget, self.lattice))
 
     def _lattice_around(self, mesh: TriangleMesh) -> Lattice:
-        """Return the part of the lattice that one of several structures needs."""
+        """Return the part of the lattice that a structure needs."""
         return self.lattice.around(mesh.vertices, max(self.thicken, 0.0))
 
     def _refine_steps(self) -> Steps[None]:
-        """Make the lattice finer around drains and pegs."""
+        """Divide the steps of the lattice around drains and pegs."""
         bars = [bar for structure in self.structures for bar in structure.holes] + self.bars
         lattice = refined_around(self.lattice, bars)
         if lattice is self.lattice:
@@ -162,8 +163,8 @@ class PartsMaking:
                 bodies.append((yield from body.on_steps(self._lattice_around(body.mesh), lattice)))
         self._keep(self.structures, bodies)
 
-    def _open_steps(self, structure: Structure, body: Body) -> Steps[None]:
-        """Place the drains of a structure, and make sure that it has a hollow."""
+    def _open_steps(self, structure: SolidStructure, body: Body) -> Steps[None]:
+        """Place the drains of a structure, and raise an error if it has no hollow."""
         yield from drain_steps(structure, body, self.hollow, self.thicken)
         if self.hollow:
             yield from hollow_steps(structure, body, self.hollow, self.thicken)
@@ -175,7 +176,7 @@ class PartsMaking:
         meshes = {structure: mesh.of_label(1 + number) for number, structure in enumerate(self.structures)}
         thickened: list[Body] = []
 
-        def remade_steps(structure: Structure, _: Body) -> Steps[None]:
+        def remade_steps(structure: SolidStructure, _: Body) -> Steps[None]:
             own = meshes.pop(structure)
             if not len(own.faces):
                 raise MeshError(f"nothing is left of {structure.name} after --thicken; give a distance closer to 0")
@@ -186,25 +187,25 @@ class PartsMaking:
         self._keep(self.structures, thickened)
 
     def _extracted_steps(self, drains: bool = False, cuts: bool = False) -> Steps[ComplexMesh]:
-        """Extract all parts, numbered from 1 on: structure by structure, by which cuts they are below as bits."""
-        together = self.together
-        fields, edges = yield from together.fields_steps(self.thicken)
-        rule = PartRule(together.count)
+        """Extract all parts, numbered from 1 on by structure, then by the cuts above them as bits."""
+        slots = self.slots
+        fields, edges = yield from slots.fields_steps(self.thicken)
+        rule = PartRule(slots.count)
 
         def added(shape: Shape) -> int:
             fields.append(ShapeField(shape, self.lattice))
             return len(fields) - 1
 
         def added_by_slot(shapes: Mapping[tuple[int, int], Shape]) -> dict[tuple[int, int], int]:
-            """Add shapes of structures, by their numbers and another one, as one shape for each slot."""
+            """Add shapes, by structure and a second number, as one shape for each slot and second number."""
             of_slots: dict[tuple[int, int], list[Shape]] = {}
-            for (number, other), shape in sorted(shapes.items(), key=lambda each: each[0]):
-                of_slots.setdefault((together.slots[number], other), []).append(shape)
+            for (number, second), shape in sorted(shapes.items(), key=lambda each: each[0]):
+                of_slots.setdefault((slots.slots[number], second), []).append(shape)
             return {key: added(own[0] if len(own) == 1 else Union(own)) for key, own in sorted(of_slots.items())}
 
         if self.hollow:
             rule.hollow = len(fields)
-            fields.append((yield from together.hollow_steps(self.hollow - self.thicken)))
+            fields.append((yield from slots.hollow_steps(self.hollow - self.thicken)))
         walls = {(self.structures.index(structure), 0): shape for structure, shape in self.walls.items()}
         rule.added = {slot: number for (slot, _), number in added_by_slot(walls).items()}
         holes = [hole for structure in self.structures for hole in structure.holes]
@@ -225,33 +226,33 @@ class PartsMaking:
             if self.feet is not None:
                 feet = {divmod(part - 1, sides): shape for part, shape in self.feet.shapes.items()}
                 rule.feet = {1 + slot * sides + side: number for (slot, side), number in added_by_slot(feet).items()}
-        together.require_fields(len(fields) - together.count)
+        slots.require_fields(len(fields) - slots.count)
         recipe = Recipe(self.lattice, fields, rule, edges)
-        mesh, self.crossings, made = yield from extract_parts_steps(recipe, self.budget)
-        self.flats = flats_of(made, [*rule.cuts, *rule.feet.values()])
-        return together.with_owners(mesh, sides)
+        mesh, self.crossings, recipe_used = yield from extract_parts_steps(recipe, self.budget)
+        self.flats = flats_of(recipe_used, [*rule.cuts, *rule.feet.values()])
+        return slots.with_owners(mesh, sides)
 
     def _walls_steps(self) -> Steps[None]:
-        """Find what thickens thin walls, and again while some are thin; the notes say where and by how much."""
+        """Find the shapes that thicken thin walls, repeat while some are thin, and note where and by how much."""
         spacing, threads = sum(self.lattice.sides_mm) / 3, self.budget.threads
         shapes: dict[int, list[Thickening]] = {number: [] for number in range(len(self.structures))}
         for again in range(WALL_TRIES):
             mesh = yield from self._extracted_steps()
             for number, before in list(shapes.items()):
                 own = mesh.of_label(1 + number)
-                found = yield from thin_walls_steps(own, self.solid.least_wall, spacing, threads, before)
+                thin_walls = yield from thin_walls_steps(own, self.solid.least_wall, spacing, threads, before)
                 if not again:
-                    self.structures[number].notes += found.notes
-                if found.shape is None:
+                    self.structures[number].notes += thin_walls.notes
+                if thin_walls.shape is None:
                     del shapes[number]
                 else:
-                    before.append(found.shape)
+                    before.append(thin_walls.shape)
                     self.walls[self.structures[number]] = Union(tuple(before))
             if not shapes:
                 return
 
     def _pegs_steps(self, pegs: Pegs) -> Steps[None]:
-        """Place the pegs of every cut, again without structures in which none fit."""
+        """Place the pegs of every cut; start again without structures in which none fit."""
         is_settled = False
         while not is_settled:
             before = self.structures
@@ -262,10 +263,10 @@ class PartsMaking:
         for structure, sentences in notes:
             structure.notes += sentences
 
-    def _placed_steps(self, pegs: Pegs) -> Steps[list[tuple[Structure, Sequence[str]]]]:
+    def _placed_steps(self, pegs: Pegs) -> Steps[list[tuple[SolidStructure, Sequence[str]]]]:
         """Place the pegs of every cut; return notes on structures."""
         surfaces, solids = [], []
-        notes: list[tuple[Structure, Sequence[str]]] = []
+        notes: list[tuple[SolidStructure, Sequence[str]]] = []
         for body in self.bodies:
             surface = yield from body.signed_steps()
             depth = depth_below(surface, self.thicken, threads=self.budget.threads)
@@ -273,32 +274,32 @@ class PartsMaking:
             solids.append(Joined(depth, body.mesh.vertices, self.thicken, self.hollow > 0))
         avoid: list[Shape] = [hole for structure in self.structures for hole in structure.holes]
         for number, cut in enumerate(self.solid.cuts):
-            found = yield from cut_pegs_steps(self.solid, number, solids, avoid)
-            for at, placed in found.placed:
+            cut_pegs = yield from cut_pegs_steps(self.solid, number, solids, avoid)
+            for at, placed in cut_pegs.placed:
                 notes.append((self.structures[at], placed.notes))
                 if self.hollow:
                     self.bosses.append((yield from bosses_steps(placed, pegs, self.hollow, surfaces[at])))
                 self.bars += placed.bars
-            if found.refused and not found.placed:
-                for at, why in found.refused:
+            if cut_pegs.refused and not cut_pegs.placed:
+                for at, why in cut_pegs.refused:
                     yield from tried_steps([self.structures[at]], _raising_steps(why), self.all_needed)
-            where = " ".join(f"{each:g}" for each in cut.point)
-            some = f"Some joints at the cut at {where} have no peg; thinner pegs may fit."
-            of_placed = {at for at, _ in found.placed}
-            refused = {at: some if at in of_placed else str(why) for at, why in found.refused if of_placed}
+            where = numbers_text(cut.point)
+            partly = f"Some joints at the cut at {where} have no peg; thinner pegs may fit."
+            of_placed = {at for at, _ in cut_pegs.placed}
+            refused = {at: partly if at in of_placed else str(why) for at, why in cut_pegs.refused if of_placed}
             notes += [(self.structures[at], [note]) for at, note in refused.items()]
-            holes: list[Shape] = [placed.holes for _, placed in found.placed]
+            holes: list[Shape] = [placed.holes for _, placed in cut_pegs.placed]
             avoid += holes
             if not holes:
                 self.pegs.append(None)
                 continue
-            union = Union([placed.pegs for _, placed in found.placed])
-            # Where a peg fills its hole both are one field: of two that are 0 at the same places no part is certain.
+            union = Union([placed.pegs for _, placed in cut_pegs.placed])
+            # A peg that fills its hole is the same field: two fields with the same zeros leave the part undecided.
             self.pegs.append((union, Union(holes) if pegs.clearance else union))
         return notes
 
     def _feet_steps(self) -> Steps[None]:
-        """Make the feet of parts, as they stand without pegs."""
+        """Make the feet on which the parts stand without pegs."""
         pegs, self.pegs = self.pegs, []
         mesh = yield from self._extracted_steps(drains=True, cuts=True)
         self.pegs = pegs
@@ -309,22 +310,22 @@ class PartsMaking:
         def holes(part: int) -> list[Bar]:
             return self._owner(part).holes
 
-        alone = len(self.structures) == 1
-        self.feet = yield from feet_steps(mesh, self.solid.base, self.lattice, sides, holes, alone)
+        is_single = len(self.structures) == 1
+        self.feet = yield from feet_steps(mesh, self.solid.base, self.lattice, sides, holes, is_single)
 
     def _stood_steps(self, mesh: ComplexMesh, feet: Feet) -> Steps[ComplexMesh]:
-        """Return the parts without what others cut off from their feet; say how they stand."""
+        """Remove pieces that were cut off from feet; keep the notes on how the parts stand."""
         stood, kept, self.standing = yield from stood_steps(mesh, feet)
         left = np.isin(self.crossings, kept).all(axis=1)
         self.crossings = np.searchsorted(kept, self.crossings[left])
         return stood
 
-    def _owner(self, part: int) -> Structure:
-        """Return the structure that a part is of, by its number."""
+    def _owner(self, part: int) -> SolidStructure:
+        """Return the structure to which a part belongs."""
         return self.structures[(part - 1) >> len(self.planes)]
 
     def _finished_steps(self, mesh: ComplexMesh) -> Steps[None]:
-        """Simplify all parts together, and describe them."""
+        """Simplify all parts as one complex, and describe them."""
         described: dict[int, Reconstruction] = {}
         for structure in self.structures:
             own = [part for part in mesh.labels if self._owner(part) is structure]
@@ -346,6 +347,6 @@ class PartsMaking:
 
 
 def _raising_steps(error: Exception) -> Steps[None]:
-    """Raise an error, as steps."""
+    """Raise an error when the steps run."""
     yield PAUSE
     raise error

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Places of pegs and drains by surfaces alone, before a solid is made: to show them.
+"""Place pegs and drains on surfaces before a solid is made, to show them.
 
-They are placed as in the making, but on surfaces that are neither thickened nor combined yet: depths are combined.
+They are placed as in the finished solid, but its surfaces do not exist yet: depths are thickened and combined instead.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ class PlacedBars:
     Parameters
     ----------
     bars : tuple of Bar
-        RAS+ mm; their round ends lie beyond the ends of their axes.
+        RAS+ mm; the round ends lie beyond the ends of the axes.
     notes : tuple of str
-        Sentences for the user about what does not fit.
+        Sentences for the user about pegs and drains that do not fit.
     """
 
     bars: tuple[Bar, ...] = ()
@@ -47,7 +47,7 @@ def placed_drains_steps(
     Parameters
     ----------
     surfaces : mapping of str to SignedSurface
-        The structures' closed surfaces, by the names that combinations call them; coarse ones give places nearby.
+        Closed surfaces by the structure's name; coarse surfaces give positions nearby.
     solid : SolidRequest
     threads : int, optional
     """
@@ -70,20 +70,20 @@ def placed_drains_steps(
 def placed_cuts_pegs_steps(
     surfaces: Mapping[str, SignedSurface], solid: SolidRequest, drains: Sequence[Bar], threads: int | None = None
 ) -> Steps[PlacedBars]:
-    """Place the pegs of all cuts beside the drains; a hole has the axis of its peg."""
+    """Place the pegs of all cuts where they avoid the drains; a hole has the axis of its peg."""
     if solid.pegs is None:
         return PlacedBars()
     bars: list[Bar] = []
     notes: list[str] = []
     solids, avoid = _joined(surfaces, solid, threads), list[Shape](drains)
     for number in range(len(solid.cuts)):
-        found = yield from cut_pegs_steps(solid, number, solids, avoid)
-        if found.refused and not found.placed:
-            notes.append(str(found.refused[0][1]))
-        for _, one in found.placed:
-            bars += one.bars
-            avoid.append(one.holes)
-            notes += one.notes
+        cut_pegs = yield from cut_pegs_steps(solid, number, solids, avoid)
+        if cut_pegs.refused and not cut_pegs.placed:
+            notes.append(str(cut_pegs.refused[0][1]))
+        for _, placed in cut_pegs.placed:
+            bars += placed.bars
+            avoid.append(placed.holes)
+            notes += placed.notes
     return PlacedBars(tuple(bars), tuple(dict.fromkeys(notes)))
 
 
@@ -93,7 +93,7 @@ def _joined(surfaces: Mapping[str, SignedSurface], solid: SolidRequest, threads:
     shaped = bool(solid.combinations)
     joined = {}
     for name, surface in surfaces.items():
-        # Hollows that are combined have no material around pegs but their walls.
+        # Combined hollows have no material around pegs except their walls.
         depth = depth_below(surface, solid.thicken, solid.hollow if shaped else 0.0, threads)
         joined[name] = Joined(depth, surface.mesh.vertices, solid.thicken, solid.hollow > 0 and not shaped)
     for combination in solid.combinations:
@@ -104,16 +104,16 @@ def _joined(surfaces: Mapping[str, SignedSurface], solid: SolidRequest, threads:
 
 
 def _combined(combination: Combination, members: Sequence[Joined]) -> Joined:
-    """Return solids made one."""
+    """Return the solid of a combination."""
 
     def depth_steps(points: Doubles) -> Steps[Doubles]:
         out = yield from members[0].depth(points)
         for member in members[1:]:
-            other = yield from member.depth(points)
+            distances = yield from member.depth(points)
             if combination.how is Combining.MERGE:
-                out = np.maximum(out, other)
+                out = np.maximum(out, distances)
             else:
-                out = np.minimum(out, other if combination.how is Combining.INTERSECT else -other)
+                out = np.minimum(out, distances if combination.how is Combining.INTERSECT else -distances)
         return out
 
     depth: Depth = depth_steps

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Requests for solids: what is done to the fields of structures before parts are extracted from them."""
+"""Requests for solids: operations on the fields of structures before parts are extracted."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from dataclasses import asdict, dataclass, fields
 from enum import Enum
 from typing import Any, TypeVar
 
-from ..described import Described, plain, setting
+from ..described import Described, descriptions, plain, setting
 from ..errors import SettingsError
+from ..measures.units import length_text, mm_text
 
 Point = tuple[float, float, float]
 LARGEST_MM = 1000.0
@@ -51,14 +52,14 @@ class Drain:
 
 @dataclass(frozen=True)
 class Cut:
-    """A plane that cuts in two.
+    """A plane that cuts structures in two.
 
     Parameters
     ----------
     point : (x, y, z) float
         RAS+ mm, on the plane.
     normal : (x, y, z) float
-        Points to the side of part a; of any length but 0.
+        Points to the side of part a; any length except 0.
     """
 
     point: Point
@@ -81,7 +82,7 @@ class Pegs:
     count : int
         Pegs on each cut.
     diameter, length : float
-        Of a peg, mm; the length is what stands out from the cut, its round end included.
+        Diameter of a peg, and its length beyond the cut including the round end, mm.
     clearance : float
         Gap between a peg and its hole, mm.
     """
@@ -101,26 +102,26 @@ class Pegs:
         object.__setattr__(self, "clearance", float(self.clearance))
         if self.length < self.diameter / 2:
             raise SettingsError(
-                f"a peg of {self.length:g} mm is shorter than its round end; give it a length of at least "
-                f"{self.diameter / 2:g} mm, or a smaller diameter"
+                f"a peg of {mm_text(self.length)} is shorter than its round end; give it a length of at least "
+                f"{mm_text(self.diameter / 2)}, or a smaller diameter"
             )
         if not 0 <= self.clearance <= LARGEST_MM:
             raise SettingsError(
-                f"the clearance of a peg is from 0 to {LARGEST_MM:g} mm, not {self.clearance:g}; such as 0.2"
+                f"the clearance of a peg is from 0 to {mm_text(LARGEST_MM)}, not {self.clearance:g}; such as 0.2"
             )
 
 
 @dataclass(frozen=True)
 class Combination:
-    """Several structures made one.
+    """Several structures combined into one.
 
     Parameters
     ----------
     how : Combining
     name : str
-        Of the new structure.
+        Name of the new structure.
     of : tuple of str
-        Names or numbers of the structures; those after the first are taken away from it by `Combining.SUBTRACT`.
+        Names or numbers of the structures; `Combining.SUBTRACT` subtracts the later ones from the first.
     """
 
     how: Combining
@@ -138,20 +139,20 @@ class Combination:
 
 @dataclass(frozen=True)
 class SolidRequest(Described):
-    """What to do to structures before they are extracted.
+    """Operations on structures before parts are extracted.
 
     Parameters
     ----------
     drains : tuple of Drain
     cuts : tuple of Cut
     pegs : Pegs, optional
-        On every cut.
+        Pegs on every cut.
     combinations : tuple of Combination
 
     Raises
     ------
     SettingsError
-        For numbers that make no solid.
+        For numbers that cannot make a solid.
 
     Examples
     --------
@@ -166,14 +167,16 @@ class SolidRequest(Described):
         0.0,
         "Distance by which the surface moves outward, inward if negative. 0 = none",
         label="Thicken",
+        caption=lambda length: f"thicken {length_text(length)}",
         unit="mm",
         low=-LARGEST_MM,
         high=LARGEST_MM,
     )
     hollow: float = setting(
         0.0,
-        "Wall that is left below the surface; what lies deeper becomes a cavity. 0 = not hollow",
+        "Thickness of the wall below the surface; everything deeper becomes a cavity. 0 = not hollow",
         label="Hollow",
+        caption=lambda length: f"hollow {length_text(length)}",
         unit="mm",
         low=0.0,
         high=LARGEST_MM,
@@ -184,8 +187,9 @@ class SolidRequest(Described):
     combinations: tuple[Combination, ...] = ()
     base: float = setting(
         0.0,
-        "Height of a flat foot at the lowest point, which is wider than the part by as much. 0 = none",
+        "Height of a flat foot at the lowest point; the foot is wider than the part by the same length. 0 = none",
         label="Base",
+        caption=lambda length: f"base {length_text(length)}",
         unit="mm",
         low=0.0,
         high=LARGEST_MM,
@@ -194,6 +198,7 @@ class SolidRequest(Described):
         0.0,
         "Thickness to which thinner walls are thickened. 0 = none",
         label="Least Wall",
+        caption=lambda length: f"least wall {length_text(length)}",
         unit="mm",
         low=0.0,
         high=LARGEST_MM,
@@ -211,7 +216,7 @@ class SolidRequest(Described):
     )
 
     def __post_init__(self) -> None:
-        """Check numbers, and what needs something else."""
+        """Check numbers, and operations that need a second one."""
         super().__post_init__()
         for name in ("drains", "cuts", "combinations"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
@@ -226,9 +231,7 @@ class SolidRequest(Described):
 
     def __bool__(self) -> bool:
         """Return whether the shape of any structure changes."""
-        return bool(
-            self.thicken or self.hollow or self.drains or self.cuts or self.combinations or self.base or self.least_wall
-        )
+        return bool(self.drains or self.cuts or self.combinations or any(getattr(self, name) for name in LENGTHS))
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for JSON, without fields at their default."""
@@ -237,12 +240,12 @@ class SolidRequest(Described):
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> SolidRequest:
-        """Return the request that `to_dict` made plain data of.
+        """Return the request from the plain data of `to_dict`.
 
         Raises
         ------
         SettingsError
-            For an unknown name, and for numbers that make no solid.
+            For an unknown name, and for numbers that cannot make a solid.
         """
         names = [field.name for field in fields(cls)]
         unknown = sorted(set(values) - set(names))
@@ -259,10 +262,11 @@ class SolidRequest(Described):
 
 
 _DEFAULT = SolidRequest()
+LENGTHS = tuple(name for name, about in descriptions(SolidRequest).items() if about.caption is not None)
+"""Lengths that change the shape of every structure; flags, properties and texts are made from them."""
 
 
 def _plain(value: Any) -> Any:
-    """Return a value of a request as plain data."""
     if isinstance(value, (Drain, Cut, Pegs, Combination)):
         own = {name: each.value if isinstance(each, Enum) else plain(each) for name, each in asdict(value).items()}
         return {name: each for name, each in own.items() if each is not None}
@@ -276,24 +280,25 @@ def _made(kind: Callable[..., Item], values: Mapping[str, Any]) -> Item:
         raise SettingsError(f"a solid cannot be made of {values!r} ({error}); see SolidRequest.to_dict") from error
 
 
-def _numbers(values: Iterable[float]) -> str:
+def numbers_text(values: Iterable[float]) -> str:
+    """Return numbers, such as a point's, as a command line takes them."""
     return " ".join(f"{value:g}" for value in values)
 
 
 def require_different_cuts(cuts: Sequence[Cut]) -> None:
-    """Raise a `SettingsError` if two cuts are one plane: no part lies between them."""
+    """Raise a `SettingsError` if two cuts are the same plane, because no part lies between them."""
     for number, cut in enumerate(cuts):
-        if any(_same_plane(cut, other) for other in cuts[:number]):
+        if any(_same_plane(cut, earlier) for earlier in cuts[:number]):
             raise SettingsError(
-                f"the cut at {_numbers(cut.point)} is given twice; leave one out, or move it by a millimeter"
+                f"the cut at {numbers_text(cut.point)} is given twice; leave one out, or move it by a millimeter"
             )
 
 
 def _same_plane(first: Cut, second: Cut) -> bool:
-    """Return whether two cuts are one plane, to 0.01 mm and a thousandth of a radian."""
-    one, other = (_unit(cut.normal) for cut in (first, second))
-    cosine = sum(a * b for a, b in zip(one, other, strict=True))
-    height = sum(a * (q - p) for a, p, q in zip(one, first.point, second.point, strict=True))
+    """Return whether two cuts are the same plane, to 0.01 mm and a thousandth of a radian."""
+    normals = [_unit(cut.normal) for cut in (first, second)]
+    cosine = sum(a * b for a, b in zip(*normals, strict=True))
+    height = sum(a * (q - p) for a, p, q in zip(normals[0], first.point, second.point, strict=True))
     return abs(cosine) > 1 - 5e-7 and abs(height) < 0.01
 
 
@@ -304,14 +309,13 @@ def _unit(normal: Point) -> Point:
 
 
 def _length(name: str, value: float) -> float:
-    """Return a length as a float."""
     if not 0 < value <= LARGEST_MM:
-        raise SettingsError(f"{name} is above 0 and at most {LARGEST_MM:g} mm, not {value:g}")
+        raise SettingsError(f"{name} is above 0 and at most {mm_text(LARGEST_MM)}, not {value:g}")
     return float(value)
 
 
 def _point(name: str, values: Iterable[float]) -> Point:
-    """Return three finite numbers as floats."""
+    """Return a point as floats; raise a `SettingsError` unless it has three finite numbers."""
     numbers = tuple(map(float, values))
     if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
         raise SettingsError(f"{name} is {' '.join(f'{each:g}' for each in numbers)}; give three numbers, mm")

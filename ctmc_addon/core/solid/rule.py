@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The rule that tells the part of a point from the signs of all fields."""
+"""The rule that decides the part of a point by the signs of all fields."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from ..arrays import Flags
 
 @dataclass
 class PartRule:
-    """What parts are, by numbers of fields.
+    """Decide the part of a point by the signs of fields, given by their numbers.
 
-    The first field is above 0 in all structures. Of several, further fields tell a structure from those behind it.
-    Structures that are far from each other count as one here, a slot (`together.py`).
+    The first field is above 0 in all structures; further fields separate each structure from those behind it.
+    Structures far from each other share a slot and count as one structure here (`slots.py`).
 
     Parameters
     ----------
     structures : int
     hollow : int or None
-        Above 0 in the hollows of all structures.
+        Field above 0 in the hollows of all structures.
     added : dict of int to int
-        Above 0 in what belongs to a slot too, by its number from 0 on.
+        By the number of a slot from 0 on: the field above 0 in shapes added to it.
     drains : int or None
     cuts : list of int
-        Above 0 on the side of part a.
+        Fields above 0 on the side of part a.
     pegs : list of (int, int) or None
-        Pegs of every cut, and their holes, the same field where there is no clearance; None for a cut without.
+        Fields of the pegs and of the holes of every cut, the same without a clearance; None for a cut without pegs.
     bosses : int or None
-        Above 0 in what is not hollow, around pegs.
+        Field above 0 in the material around pegs in a hollow.
     feet : dict of int to int
-        Above 0 in the feet of parts, by the number that such a part of its slot has.
+        By the number of a part of a slot: the field above 0 in its foot.
     """
 
     structures: int
@@ -48,12 +48,12 @@ class PartRule:
 
     @property
     def parts(self) -> int:
-        """Numbers of parts that a structure has."""
+        """Number of parts of each structure."""
         return 1 << len(self.cuts)
 
     def __call__(self, above: list[Flags]) -> NDArray[Any]:
-        """Return the part of every point from 1 on, structure by structure; 0 for none."""
-        owner = np.zeros(above[0].shape, np.int64)  # structure from 1 on
+        """Return the number of the part at every point, from 1 on by structure; 0 outside of all parts."""
+        owner = np.zeros(above[0].shape, np.int64)  # Structures, from 1 on.
         is_hollow = np.zeros(above[0].shape, bool)
         if self.hollow is not None:
             is_hollow = above[0] & above[self.hollow]

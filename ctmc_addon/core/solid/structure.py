@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A structure that parts are made of, and the lattice around several."""
+"""A structure that parts are made from, and the lattice around several of them."""
 
 from __future__ import annotations
 
@@ -11,19 +11,21 @@ import numpy as np
 
 from ..errors import CtmcError, MeshError, SettingsError
 from ..machine.budget import Budget
+from ..measures.reconstruction import Reconstruction
+from ..measures.units import mm_text
 from ..mesh.distance.signed_distance import SignedSurface
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Steps
-from ..reconstruction import Reconstruction
 from ..surfaces.each_label import without_traceback
 from ..surfaces.request import scope_of
 from ..volume.affine import to_index
 from ..volume.volume import Volume
 from .body import Body, OnEdges
-from .cells.extract import Recipe, extract_parts_steps
+from .cells.extract import extract_parts_steps
+from .cells.recipe import Recipe
 from .fields.depth import depth_below
 from .fields.lattice import Lattice, lattice_around, steps_in, with_box
-from .fields.lattice_fields import Field
+from .fields.lattice_fields import LatticeField
 from .fields.shapes import Bar
 from .placing.cubes import deepest_steps
 from .placing.drains import drains_steps
@@ -32,36 +34,36 @@ from .request import Drain, SolidRequest
 from .rule import PartRule
 
 MAKING = "Making the solid"
-"""The stage in which a solid is made of surfaces."""
-FLATTEST = 2.0  # A step is at most this many times as long as the shortest.
-PER_HOLE = 4  # Steps across a drain or a peg, at least; only around it.
+"""The stage in which a solid is made from surfaces."""
+FLATTEST = 2.0  # A step is at most this many times as long as the shortest one.
+PER_HOLE = 4  # The lattice has at least this many steps across a drain or a peg.
 BLOCK = 1 << 18
 
 
 @dataclass(eq=False)
-class Structure:
-    """A structure that parts are made of.
+class SolidStructure:
+    """A structure that parts are made from.
 
     Parameters
     ----------
     name : str
     result : Reconstruction
-        Its closed surface with all triangles; settings are those of the parts.
+        Its closed surface with all triangles, and the settings of the parts.
     volume : Volume
     notes : list of str
-        On its parts.
+        Notes on its parts.
     drains : tuple of Drain
-        Those that open it.
+        Drains that open it.
     holes : list of Bar
-        Drains that are placed.
+        Placed drains.
     is_shaped : bool
-        Whether its surface is thickened and hollow already.
+        Whether its surface has been thickened and made hollow.
     is_combined : bool
-        Whether it was made of several.
+        Whether it was combined from several structures.
     parts : list of Reconstruction
         Its finished parts.
     error : CtmcError or None
-        Why it has none.
+        Error that left it without parts.
     """
 
     name: str
@@ -77,11 +79,11 @@ class Structure:
 
     @property
     def mesh(self) -> TriangleMesh:
-        """Its surface."""
+        """Closed surface of the structure."""
         return self.result.mesh
 
     def note_cap(self) -> None:
-        """Add a note if the surface was open, and is now closed at the border."""
+        """Add a note if the surface was closed at the border against its settings."""
         result, volume = self.result, self.volume
         if result.settings.close_border:
             return
@@ -97,8 +99,8 @@ class Structure:
                     return
 
 
-def tried_steps(structures: Sequence[Structure], working: Steps[None], all_needed: bool = False) -> Steps[None]:
-    """The steps of `working`; an error of lengths or shapes is kept by the structures that it concerns, or raised."""
+def tried_steps(structures: Sequence[SolidStructure], working: Steps[None], all_needed: bool = False) -> Steps[None]:
+    """Run the steps of `working`; store an error of lengths or shapes in the structures unless all are needed."""
     try:
         yield from working
     except (MeshError, SettingsError) as error:
@@ -108,8 +110,8 @@ def tried_steps(structures: Sequence[Structure], working: Steps[None], all_neede
             structure.error = structure.error or without_traceback(error)
 
 
-def check_cuts(structures: Sequence[Structure], solid: SolidRequest) -> None:
-    """Raise the error of a cut that meets no structure; note it on those that it misses."""
+def check_cuts(structures: Sequence[SolidStructure], solid: SolidRequest) -> None:
+    """Raise an error for a cut that misses all structures; note it on those that it misses otherwise."""
     for cut in solid.cuts:
         beyond = 0.0 if any(each.is_shaped for each in structures) else solid.thicken
         missed = []
@@ -123,8 +125,8 @@ def check_cuts(structures: Sequence[Structure], solid: SolidRequest) -> None:
             structure.notes.append(f"The cut at {' '.join(f'{at:g}' for at in cut.point)} misses this structure.")
 
 
-def share_drains_steps(structures: Sequence[Structure], solid: SolidRequest) -> Steps[None]:
-    """Give every drain with a point to the structure that holds it, and those without to all."""
+def share_drains_steps(structures: Sequence[SolidStructure], solid: SolidRequest) -> Steps[None]:
+    """Give each drain with a point to the structure that holds the point, and drains without a point to all."""
     if len(structures) == 1:
         structures[0].drains = solid.drains
         return
@@ -138,7 +140,7 @@ def share_drains_steps(structures: Sequence[Structure], solid: SolidRequest) -> 
 
 
 def shared_drains_steps(surfaces: Sequence[SignedSurface], drains: Sequence[Drain]) -> Steps[list[tuple[Drain, ...]]]:
-    """Return the drains of each surface: those with a point that it holds, then all without."""
+    """Return the drains of each surface: drains whose point is nearest to it, then all drains without a point."""
     given = [drain for drain in drains if drain.point is not None]
     nearest = dict.fromkeys(range(len(given)), (np.inf, 0))
     for number, surface in enumerate(surfaces if given else ()):
@@ -153,8 +155,8 @@ def shared_drains_steps(surfaces: Sequence[SignedSurface], drains: Sequence[Drai
     ]
 
 
-def lattice_of(structures: Sequence[Structure], solid: SolidRequest) -> Lattice:
-    """Return a lattice around structures that is fine enough for walls and surfaces; holes need it finer."""
+def lattice_of(structures: Sequence[SolidStructure], solid: SolidRequest) -> Lattice:
+    """Return a lattice around structures, fine enough for walls and surfaces but not yet for holes."""
     first = structures[0]
     settings, volume = first.result.settings, first.volume
     scope = scope_of(volume, replace(settings, close_border=True))
@@ -162,17 +164,17 @@ def lattice_of(structures: Sequence[Structure], solid: SolidRequest) -> Lattice:
     points = np.concatenate([structure.mesh.vertices for structure in structures])
     if solid.base:  # A foot goes straight down, and from one side to another.
         points = with_box(points)
-    longest = longest_step(sides_of(structures), solid)
+    longest = _longest_step(sides_of(structures), solid)
     return lattice_around(volume, settings.stride, steps, scope.region, points, margin_of(solid), longest)
 
 
 def margin_of(solid: SolidRequest) -> float:
-    """Return the space around structures in which their parts may lie, mm."""
+    """Return how far the parts of structures may reach beyond these, mm."""
     return max(solid.thicken, 0.0) + solid.base + solid.least_wall
 
 
-def sides_of(structures: Sequence[Structure]) -> tuple[float, float, float]:
-    """Return the steps of the samples that structures were extracted from, along x, y and z, mm."""
+def sides_of(structures: Sequence[SolidStructure]) -> tuple[float, float, float]:
+    """Return the steps of the samples that structures were extracted from along x, y and z, mm."""
     first = structures[0]
     x, y, z = (
         spacing * stride for spacing, stride in zip(first.volume.spacing, first.result.settings.stride, strict=True)
@@ -181,14 +183,14 @@ def sides_of(structures: Sequence[Structure]) -> tuple[float, float, float]:
 
 
 def divisions(sides_mm: Sequence[float], solid: SolidRequest) -> tuple[int, int, int]:
-    """Return into how many steps of the lattice voxels with these sides are divided along x, y and z."""
-    longest = longest_step(sides_mm, solid)
+    """Return the number of lattice steps in a voxel with these sides along x, y and z."""
+    longest = _longest_step(sides_mm, solid)
     x, y, z = (steps_in(side, longest) for side in sides_mm)
     return x, y, z
 
 
-def longest_step(sides_mm: Sequence[float], solid: SolidRequest) -> float:
-    """Return the longest step that a solid allows where voxels have these sides, mm."""
+def _longest_step(sides_mm: Sequence[float], solid: SolidRequest) -> float:
+    """Return the longest step that a solid allows for voxels with these sides, mm."""
     return min(FLATTEST * min(sides_mm), solid.hollow or math.inf)
 
 
@@ -200,27 +202,27 @@ def refined_around(lattice: Lattice, bars: Sequence[Bar]) -> Lattice:
 
 
 def body_steps(mesh: TriangleMesh, lattice: Lattice, budget: Budget, around: Lattice | None = None) -> Steps[Body]:
-    """Return a mesh on a lattice, ready."""
+    """Return the body of a mesh on a lattice, prepared."""
     body = Body(mesh, lattice, budget, around)
     yield from body.prepare_steps()
     return body
 
 
-def bulged_steps(structure: Structure, body: Body, thicken: float) -> Steps[None]:
-    """Make the body of a structure ready to be thickened.
+def bulged_steps(structure: SolidStructure, body: Body, thicken: float) -> Steps[None]:
+    """Prepare the body of a structure for thickening.
 
-    A label's surface encloses the volume of its samples, chords and all. One of gray values does not.
+    The surface of a label already encloses the volume of its samples in spite of chords; one of gray values does not.
     """
     if thicken and structure.result.settings.label is None:
         yield from body.bulge_steps()
 
 
 def extracted_steps(
-    fields: Sequence[Field], rule: PartRule, on_edges: OnEdges | None, body: Body, name: str, flag: str
+    fields: Sequence[LatticeField], rule: PartRule, on_edges: OnEdges | None, body: Body, name: str, flag: str
 ) -> Steps[Body]:
-    """Extract a body that fields say, on the same lattice; distances are measured from it then.
+    """Extract a body from fields on the same lattice, so that distances start at its surface.
 
-    `on_edges` are exact places of the first field's surface; `name` and `flag` say what is lost where nothing is left.
+    `on_edges` are exact positions of the first field's surface; `name` and `flag` are for the error if nothing is left.
     """
     recipe = Recipe(body.lattice, fields, rule, {} if on_edges is None else {0: on_edges})
     extracted = yield from extract_parts_steps(recipe, body.budget)
@@ -230,7 +232,7 @@ def extracted_steps(
     return (yield from body_steps(mesh, body.lattice, body.budget))
 
 
-def hollow_steps(structure: Structure, body: Body, wall: float, thicken: float) -> Steps[Field]:
+def hollow_steps(structure: SolidStructure, body: Body, wall: float, thicken: float) -> Steps[LatticeField]:
     """Return the field of a structure's hollow."""
     hollow = yield from body.field_steps(wall - thicken)
     if any(hollow.above(layer, layer + 1).any() for layer in range(body.lattice.shape[0])):
@@ -240,12 +242,12 @@ def hollow_steps(structure: Structure, body: Body, wall: float, thicken: float) 
     _, deepest = yield from deepest_steps(depth_below(signed, thicken), low, high)
     thinner = float(f"{deepest / 2.1:.2g}")
     raise SettingsError(
-        f"a wall of {wall:g} mm leaves no hollow in {structure.name}, which is {deepest:.3g} mm deep at most; "
+        f"a wall of {mm_text(wall)} leaves no hollow in {structure.name}, which is {mm_text(deepest, 3)} deep at most; "
         f"give a thinner wall, such as --hollow {thinner:g}"
     )
 
 
-def drain_steps(structure: Structure, body: Body, wall: float, thicken: float) -> Steps[None]:
+def drain_steps(structure: SolidStructure, body: Body, wall: float, thicken: float) -> Steps[None]:
     """Place the drains of a structure."""
     if not structure.drains:
         return

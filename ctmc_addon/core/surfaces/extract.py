@@ -17,17 +17,17 @@ from ..errors import MemoryLimitError
 from ..extraction.field_pieces import surface_pieces_steps
 from ..machine.budget import Budget
 from ..machine.memory import give_back
+from ..measures.reconstruction import Reconstruction
 from ..mesh.faces_shown import face_notes
 from ..mesh.pieces.kept_pieces import KeptPieces
 from ..mesh.pieces.spool import Spool, SpooledPieces
 from ..mesh.triangle_mesh import Pieces, Surface, at_alpha_steps
 from ..planning.plan import required_steps
 from ..progress import Steps, WithResult
-from ..reconstruction import Reconstruction
 from ..settings import ReconstructionSettings
 from ..sinks import HOLD, Sink, Taken
 from ..smoothing.prepare import field_steps
-from ..volume.field import Field
+from ..volume.field import ScalarField
 from ..volume.volume import Volume
 from .finish import (
     CHOOSING,
@@ -125,7 +125,7 @@ class _Timed:
 class FieldSurface(Finish):
     """Make the surface of one field, from the values to the report."""
 
-    field: Field
+    field: ScalarField
 
     def __init__(
         self,

@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 from ..described import AUTO
 from ..machine.budget import Budget
+from ..measures.reconstruction import Reconstruction, Stage
+from ..measures.units import volume_text
 from ..mesh.component_limits import ComponentLimits
 from ..mesh.face_normals import vertex_normals_steps
 from ..mesh.pieces.kept_pieces import kept_and_removed_steps
 from ..mesh.triangle_mesh import Pieces, Surface, TriangleMesh
 from ..progress import PAUSE, Stages, Steps
-from ..reconstruction import Reconstruction, Stage
-from ..settings import ReconstructionSettings
+from ..settings import COMPONENTS, ReconstructionSettings, settings_of_stage
 from ..simplification.engine.handles import handles_text
 from ..sinks import HOLD, Sink, Taken
 from ..volume.volume import Volume
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from ..simplification.whole import Simplification
 
 # Names of stages that a user reads, in the panel and in report.json.
-PREPARING, EXTRACTING, KEEPING = "Preparing values", "Extracting the surface", "Keeping components"
+PREPARING, EXTRACTING, KEEPING = "Preparing values", "Extracting the surface", "Selecting components"
 CHOOSING, SIMPLIFYING, AVERAGING, WRITING = "Choosing alpha", "Simplifying", "Averaging normals", "Writing the surface"
 LOOKING = "Looking for labels that cross"
 LARGEST_COLLAPSED_MM3 = 20.0
@@ -56,6 +57,11 @@ def without_small_steps(
     settings = replace(full.settings, min_part_mm3=min_part_mm3)
     if keep_parts is not None:
         settings = replace(settings, keep_parts=keep_parts)
+    return (yield from _limited_steps(full, settings))
+
+
+def _limited_steps(full: Reconstruction, settings: ReconstructionSettings) -> Steps[Reconstruction]:
+    """Return a full surface with the components of settings that differ from its own in their stage alone."""
     mesh = full.mesh
     surface = full.surface or Surface(mesh.vertices, mesh.vertices, mesh.faces, mesh.normals)
     alpha = settings.alpha_number
@@ -78,7 +84,8 @@ def remade_steps(full: Reconstruction, settings: ReconstructionSettings, budget:
     if full.surface is not None and settings.alpha not in (AUTO, full.settings.alpha):  # The slider has moved since.
         full = replace(full, mesh=full.surface.at(settings.alpha_number), settings=settings)
     if limits_of(settings).ask_more_than(limits_of(full.settings)):
-        full = yield from without_small_steps(full, settings.min_part_mm3, settings.keep_parts)
+        asked = {name: getattr(settings, name) for name in settings_of_stage(COMPONENTS)}
+        full = yield from _limited_steps(full, replace(full.settings, **asked))
     return MadeSurface((yield from simplified_steps(full, settings, budget)), full)
 
 
@@ -246,7 +253,7 @@ class Finish:
             notes.append(
                 f"{after} triangles are left instead of {target}: no further edge can be removed without moving a "
                 "border, tearing or crossing the surface, or collapsing a component of more than "
-                f"{LARGEST_COLLAPSED_MM3:g} mm3."
+                f"{volume_text(LARGEST_COLLAPSED_MM3)}."
             )
         return replace(
             full,

@@ -9,11 +9,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..measures.reconstruction import Reconstruction
 from ..mesh.intersections import self_intersections_steps
 from ..mesh.labels.label_complex import ComplexMesh, borders_of, neighbors_of
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Step, Steps
-from ..reconstruction import Reconstruction
 from ..simplification.complexes.flats import Flat
 from ..simplification.complexes.simplify import ComplexSimplification, simplify_complex_steps
 from ..simplification.engine.component_removal import CollapsedComponents

@@ -158,8 +158,8 @@ class _LabelInterfaces:
     def fields_steps(self, labels: Sequence[int]) -> Steps[None]:
         """Make the field of every label by itself."""
         volume, region = self.volume, self.scope.region
-        chosen = sorted(set(labels))
-        runs = [replace(self.settings, label=label) for label in chosen]
+        distinct = sorted(set(labels))
+        runs = [replace(self.settings, label=label) for label in distinct]
 
         def work_steps(at: int, own: Budget) -> Steps[_LabelField]:
             field = yield from field_steps(volume, runs[at], own, region=region)
@@ -172,7 +172,7 @@ class _LabelInterfaces:
         self.labels: list[int] = []
         self.fields: list[_LabelField] = []
         self.errors: dict[int, CtmcError] = {}
-        for label, result in zip(chosen, results, strict=True):
+        for label, result in zip(distinct, results, strict=True):
             if isinstance(result, _LabelField):
                 self.labels.append(label)
                 self.fields.append(result)

@@ -14,8 +14,8 @@ from ..errors import LabelError, MeshError, ThresholdError
 from ..machine.budget import Budget
 from ..maps.quantity import Quantity
 from ..maps.request import MapRequest
+from ..measures.reconstruction import Reconstruction
 from ..progress import Stages, Steps, finish
-from ..reconstruction import Reconstruction
 from ..settings import ReconstructionSettings
 from ..sinks import HOLD, Sink
 from ..volume.labels.extents import ALL, chosen_labels_steps
@@ -100,11 +100,11 @@ def reconstruct_labels_steps(
     finding, making = STAGES
     choices = (ALL,) if labels is None else tuple(labels)
     looking = chosen_labels_steps(volume, choices, region_box(volume, settings), budget.threads)
-    chosen = yield from stages.run(finding, looking)
-    requests = [SurfaceRequest(replace(settings, threshold=None, label=label), sink_of(label)) for label in chosen]
+    selected = yield from stages.run(finding, looking)
+    requests = [SurfaceRequest(replace(settings, threshold=None, label=label), sink_of(label)) for label in selected]
     working = make_surfaces_steps(volume, requests, budget, all_needed=labels is not None, maps=maps)
     surfaces, errors = [], {}
-    for label, outcome in zip(chosen, (yield from stages.run(making, working)), strict=True):
+    for label, outcome in zip(selected, (yield from stages.run(making, working)), strict=True):
         if isinstance(outcome, MadeSurface):
             surfaces.append(outcome.result)
         elif isinstance(outcome, (LabelError, MeshError, ThresholdError)):

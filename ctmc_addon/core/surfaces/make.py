@@ -14,10 +14,10 @@ from ..errors import CtmcError, LabelError, MemoryLimitError
 from ..machine.budget import Budget
 from ..maps.quantity import Quantity
 from ..maps.request import MapRequest
+from ..measures.reconstruction import Reconstruction
 from ..mesh.triangle_mesh import TriangleMesh
 from ..planning.plan import advised_steps
 from ..progress import Stages, Steps, equal_part, finish
-from ..reconstruction import Reconstruction
 from ..settings import SIMPLIFICATION, ReconstructionSettings
 from ..sinks import HOLD
 from ..volume.labels.extents import label_extents_steps, labels_by_layer_steps
@@ -65,9 +65,9 @@ def reconstruct(
     if not maps:
         return finish(reconstruct_steps(volume, settings, budget))
     making = make_surfaces_steps(volume, [SurfaceRequest(settings)], budget, all_needed=True, maps=MapRequest.of(maps))
-    [made] = finish(making)
-    assert isinstance(made, MadeSurface), "an error is raised"
-    return made.result
+    [outcome] = finish(making)
+    assert isinstance(outcome, MadeSurface), "an error is raised"
+    return outcome.result
 
 
 def make_surfaces_steps(
@@ -151,10 +151,10 @@ def _with_maps_steps(
             if own == settings:
                 return mesh
         source = volume if settings.label is None else labels or volume
-        [made] = yield from make_surfaces_steps(source, [SurfaceRequest(settings)], budget, all_needed=True)
-        assert isinstance(made, MadeSurface), "an error is raised"
-        held.append((settings, made.result.mesh))
-        return made.result.mesh
+        [outcome] = yield from make_surfaces_steps(source, [SurfaceRequest(settings)], budget, all_needed=True)
+        assert isinstance(outcome, MadeSurface), "an error is raised"
+        held.append((settings, outcome.result.mesh))
+        return outcome.result.mesh
 
     source = volume if labels is None or requests[0].settings.label is None else labels
     assert source is not None, "maps are made with the volume"
@@ -162,6 +162,34 @@ def _with_maps_steps(
     for at, result in zip(surfaces, mapped, strict=True):
         outcomes[at] = MadeSurface(result, surfaces[at].full if requests[at].needs_full else None)
     return outcomes
+
+
+def one_of_labels_steps(
+    volume: Volume, settings: ReconstructionSettings, sharing_labels: Sequence[int], budget: Budget
+) -> Steps[Reconstruction]:
+    """Make one surface again as it is beside the labels that are made at once with it.
+
+    Parameters
+    ----------
+    volume : Volume
+    settings : ReconstructionSettings
+        Settings of the surface.
+    sharing_labels : sequence of int
+        As `Reconstruction.sharing_labels`; a label that is not among them is made by itself.
+    budget : Budget
+
+    Raises
+    ------
+    CtmcError
+        If this surface cannot be made; others that cannot are left out.
+    """
+    labels: list[int | None] = list(sharing_labels) if settings.label in sharing_labels else [settings.label]
+    requests = [SurfaceRequest(replace(settings, label=label)) for label in labels]
+    outcomes = yield from make_surfaces_steps(volume, requests, budget)
+    outcome = outcomes[labels.index(settings.label)]
+    if isinstance(outcome, CtmcError):
+        raise outcome
+    return outcome.result
 
 
 def _groups(requests: Sequence[SurfaceRequest]) -> list[list[int]]:
@@ -270,9 +298,15 @@ def _sharing_steps(
     for label, request in zip(labels, requests, strict=True):
         outcome = outcomes[label]
         if isinstance(outcome, MadeSurface):
-            outcome = yield from _taken_steps(outcome, request)
+            outcome = yield from _taken_steps(_beside(outcome, labels), request)
         results.append(outcome)
     return results
+
+
+def _beside(surface: MadeSurface, labels: Sequence[int]) -> MadeSurface:
+    """Note on a surface and its full one which labels were made with it."""
+    result, full = replace(surface.result, sharing_labels=tuple(labels)), surface.full
+    return MadeSurface(result, None if full is None else replace(full, sharing_labels=tuple(labels)))
 
 
 def _require_shareable(labels: Sequence[int]) -> None:

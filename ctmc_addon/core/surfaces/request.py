@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from ..extraction.grid import check_stride
-from ..reconstruction import Reconstruction
+from ..measures.reconstruction import Reconstruction
 from ..settings import ReconstructionSettings
 from ..sinks import HOLD, Sink
 from ..smoothing.methods import refinement_of

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from ..errors import CtmcError
 from ..machine.budget import Budget
+from ..measures.reconstruction import Reconstruction
 from ..mesh.labels.complex_components import keep_complex_components_steps
 from ..mesh.labels.label_complex import ComplexMesh, ComplexSurface, borders_of, neighbors_of
 from ..mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
 from ..progress import Step, Steps
-from ..reconstruction import Reconstruction
 from ..settings import ReconstructionSettings
 from ..sinks import HOLD, Taken
 from ..volume.volume import Volume

@@ -23,6 +23,7 @@ from .labels.extents import (
     ALL,
     LabelExtent,
     chosen_labels_steps,
+    compared_name,
     existing_labels_steps,
     label_extents_steps,
     labels_region,
@@ -70,7 +71,7 @@ from .slices import (
 )
 from .statistics.histogram import (
     Bars,
-    Limits,
+    ThresholdLimits,
     TissueRange,
     grabbed_limit,
     histogram_bars,

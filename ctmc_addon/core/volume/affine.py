@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import VolumeError
+from ..measures.units import mm_text
 
 MOST_MM = 1e9
 LEAST_SPACING_MM, MOST_SPACING_MM = 1e-6, 1e4
 ROUNDED = 1e-6  # Allow for this share of a spacing: the limits are in float32 too.
-SPACING_LIMITS = f"from {LEAST_SPACING_MM:g} to {MOST_SPACING_MM:g} mm"
+SPACING_LIMITS = f"from {LEAST_SPACING_MM:g} to {mm_text(MOST_SPACING_MM)}"
 
 
 def checked_affine(affine: Any) -> NDArray[np.float64]:
@@ -29,7 +30,7 @@ def checked_affine(affine: Any) -> NDArray[np.float64]:
         raise VolumeError("the affine holds NaN or infinite numbers; export the file again, or give its spacing")
     if np.abs(matrix).max() > MOST_MM:
         raise VolumeError(
-            f"the affine reaches {np.abs(matrix).max():.3g} mm, and no body is larger than {MOST_MM:g} mm; "
+            f"the affine reaches {mm_text(np.abs(matrix).max(), 3)}, and no body is larger than {mm_text(MOST_MM)}; "
             "repair the file's geometry"
         )
     if (matrix[3] != (0.0, 0.0, 0.0, 1.0)).any():
@@ -102,7 +103,7 @@ def to_index(affine: NDArray[np.float64], points_ras_mm: NDArray[Any]) -> NDArra
     return transform_points(inverse, points_ras_mm - affine[:3, 3])
 
 
-def index_to_index(affine: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+def index_to_index(affine: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (4, 4) matrix from the index of a grid to the index of another one.
 
     Examples
@@ -110,13 +111,13 @@ def index_to_index(affine: NDArray[np.float64], other: NDArray[np.float64]) -> N
     >>> index_to_index(np.diag([-1.0, 2.0, 3.0, 1.0]), np.diag([1.0, 1.0, 1.0, 1.0])).diagonal().tolist()
     [-1.0, 2.0, 3.0, 1.0]
     """
-    ends = to_index(other, transform_points(affine, np.vstack([np.eye(3), np.zeros(3)])))
+    ends = to_index(target, transform_points(affine, np.vstack([np.eye(3), np.zeros(3)])))
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = (ends[:3] - ends[3]).T, ends[3]
     return matrix
 
 
-def farthest_corner_mm(affine: NDArray[np.float64], other: NDArray[np.float64], size: tuple[int, int, int]) -> float:
+def farthest_corner_mm(affine: NDArray[np.float64], second: NDArray[np.float64], size: tuple[int, int, int]) -> float:
     """Return by how many mm the corners of two grids of (x, y, z) samples differ at most, along an axis of the patient.
 
     Examples
@@ -125,7 +126,7 @@ def farthest_corner_mm(affine: NDArray[np.float64], other: NDArray[np.float64], 
     2.0
     """
     corners = np.array([(x, y, z) for x in (0, size[0]) for y in (0, size[1]) for z in (0, size[2])])
-    return float(np.abs(transform_points(affine - other, corners)).max())
+    return float(np.abs(transform_points(affine - second, corners)).max())
 
 
 def product(first: NDArray[Any], second: NDArray[Any]) -> NDArray[Any]:

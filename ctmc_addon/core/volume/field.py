@@ -34,7 +34,7 @@ from .volume import Box, Volume
 
 
 @dataclass(frozen=True, eq=False)
-class Field:
+class ScalarField:
     """The values that a surface is extracted from, and their position in the volume.
 
     Parameters
@@ -98,12 +98,12 @@ class Field:
         """The part of the volume that the values are of, for messages."""
         return WHOLE_VOLUME if self.settings.region is None else "the region"
 
-    def again(self) -> Field:
+    def again(self) -> ScalarField:
         """Return the same field, to be fetched from its first slice."""
         return replace(self, values=self.values.again())
 
-    def at_threshold(self, threshold: float) -> Field:
-        """The same field for another threshold of gray values."""
+    def at_threshold(self, threshold: float) -> ScalarField:
+        """Return the same field for another threshold of gray values."""
         return replace(self, threshold=threshold, level=threshold, notes=())
 
     def check(self) -> None:
@@ -175,7 +175,7 @@ def all_values_steps(values: FieldValues) -> Steps[NDArray[Any]]:
     return out
 
 
-def held_steps(field: Field) -> Steps[Field]:
+def held_steps(field: ScalarField) -> Steps[ScalarField]:
     """Return the field with all its values in memory, for work that reads them again and again."""
     if isinstance(field.values, HeldValues):
         return field

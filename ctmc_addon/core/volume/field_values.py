@@ -18,7 +18,7 @@ from ..progress import PAUSE, Steps
 from .statistics.values import slabs_of
 from .volume import Box, Volume
 
-SLICES = 16  # A label is compared with so many at once: what is rounded as it is read takes memory for these alone.
+SLICES = 16  # A label is compared with this many slices at once, so rounding takes memory only for these.
 
 
 class FieldValues(Protocol):

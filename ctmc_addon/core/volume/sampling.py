@@ -20,7 +20,7 @@ from ..progress import Step, Steps, finish
 from .affine import cofactors, determinant, transform_points
 from .volume import SampleGrid, Volume
 
-POINTS = 1 << 14  # Points are sampled so many at once, whose arrays stay in the processor's cache.
+POINTS = 1 << 14  # Sample this many points at once; their arrays stay in the processor's cache.
 STEP_SAMPLES = 1 << 18  # Samples between two steps.
 SLAB_SHARE = 0.25  # Share of the working memory that slices of a file take.
 ROUNDING = 2.0**-22  # Positions in float32 may be off by this share of their largest coordinate.
@@ -108,7 +108,7 @@ def sampled_steps(
 
 
 def _batches(parts: Sequence[slice], steps: int) -> int:
-    """Return in how many steps parts are sampled, each of them along so many steps of a line."""
+    """Return the number of batches in which parts are sampled, each along `steps` steps of a line."""
     return min(len(parts), max(1, len(parts) * POINTS * steps // STEP_SAMPLES))
 
 
@@ -265,14 +265,14 @@ class _Sampler:
         starts, along = self._ends(part)
         kept = self.kept[part]
         for here in self._along(starts, along):
-            chosen, low, share = self._cells(slab, here)
-            if chosen is not None and not len(chosen):
+            in_slab, low, share = self._cells(slab, here)
+            if in_slab is not None and not len(in_slab):
                 continue
             values = slab.at(low, share)
             if not along:
-                kept[slice(None) if chosen is None else chosen] = values
+                kept[slice(None) if in_slab is None else in_slab] = values
             else:
-                self._keep(part, slice(None) if chosen is None else chosen, values)
+                self._keep(part, slice(None) if in_slab is None else in_slab, values)
 
     def _along(self, starts: list[Doubles], along: list[Doubles]) -> Iterator[list[Doubles]]:
         if not along:
@@ -298,27 +298,27 @@ class _Sampler:
             inside = within if inside is None else inside & within
             lows.append(low)
         assert inside is not None, "there are three axes"
-        chosen = None
+        in_slab = None
         if not inside.all():
-            chosen = np.flatnonzero(inside)
-            lows, here = [low[chosen] for low in lows], [at[chosen] for at in here]
+            in_slab = np.flatnonzero(inside)
+            lows, here = [low[in_slab] for low in lows], [at[in_slab] for at in here]
         shares = [np.clip(at - low, 0.0, 1.0).astype(np.float32) for at, low in zip(here, lows, strict=True)]
-        return chosen, lows, shares
+        return in_slab, lows, shares
 
-    def _keep(self, part: slice, chosen: slice | NDArray[np.intp], values: Floats) -> None:
+    def _keep(self, part: slice, selected: slice | NDArray[np.intp], values: Floats) -> None:
         assert self.line is not None, "points alone are kept as they are"
         if self.line.keeps == "mean":
-            known = ~np.isnan(values)
-            self.sums[part][chosen] += np.where(known, values, 0.0)
-            self.numbers[part][chosen] += known
+            finite = ~np.isnan(values)
+            self.sums[part][selected] += np.where(finite, values, 0.0)
+            self.numbers[part][selected] += finite
         else:
             choose = np.fmax if self.line.keeps == "max" else np.fmin
             kept = self.kept[part]
-            kept[chosen] = choose(kept[chosen], values)
+            kept[selected] = choose(kept[selected], values)
 
     def result(self) -> Floats:
-        """Return what was kept of every point, (n,) float32."""
+        """Return the value of every point, (n,) float32."""
         if len(self.numbers):
-            known = self.numbers > 0
-            self.kept[known] = (self.sums[known] / self.numbers[known]).astype(np.float32)
+            has_values = self.numbers > 0
+            self.kept[has_values] = (self.sums[has_values] / self.numbers[has_values]).astype(np.float32)
         return self.kept

@@ -84,7 +84,7 @@ class SliceReader(ABC):
         """Hand all values to `visit`, some slices at a time, until it returns True."""
         slices, rows, columns = self.everything
         for start in range(0, len(slices), self.at_once):
-            yield Step(start / len(slices), "Looking at the values")
+            yield Step(start / len(slices), "Checking values")
             if visit(self.read(slices[start : start + self.at_once], rows, columns)):
                 return
 

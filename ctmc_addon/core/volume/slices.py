@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..measures.units import position_text
 from ..mesh.vectors import cross, dot
 from .affine import axis_codes, to_index, transform_points
 from .value_kind import ValueKind
@@ -204,20 +205,20 @@ def windowed(
 
 
 def in_label_colors(
-    values: NDArray[Any], colors: Mapping[int, Sequence[float]], chosen: Collection[int]
+    values: NDArray[Any], colors: Mapping[int, Sequence[float]], bright: Collection[int]
 ) -> NDArray[np.float32]:
-    """Return labels in their colors, (rows, columns, 4) float32 in 0..1: chosen ones bright, the rest dim, 0 black.
+    """Return labels in their colors, (rows, columns, 4) float32 in 0..1: those in `bright` full, the rest dim, 0 black.
 
     Examples
     --------
-    >>> in_label_colors(np.array([[0, 1, 2]]), {1: (1, 0, 0), 2: (0, 1, 0)}, chosen=[2])[0, :, :3].tolist()
+    >>> in_label_colors(np.array([[0, 1, 2]]), {1: (1, 0, 0), 2: (0, 1, 0)}, bright=[2])[0, :, :3].tolist()
     [[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 1.0, 0.0]]
     """
     distinct, numbers = np.unique(values, return_inverse=True)
     table = np.zeros((len(distinct), 4), np.float32)
     table[:, 3] = 1.0
     for row, value in zip(table, distinct.tolist(), strict=True):
-        row[:3] = np.multiply(colors.get(value, (0.0, 0.0, 0.0)), 1.0 if value in chosen else DIM)
+        row[:3] = np.multiply(colors.get(value, (0.0, 0.0, 0.0)), 1.0 if value in bright else DIM)
     picture: NDArray[np.float32] = table[numbers.reshape(values.shape)]
     return picture
 
@@ -231,7 +232,7 @@ def with_labels(
     picture: NDArray[np.float32],
     layers: Sequence[NDArray[Any]],
     colors: Mapping[int, Sequence[float]],
-    chosen: Collection[int],
+    bright: Collection[int],
     share: float = 1.0,
 ) -> NDArray[np.float32]:
     """Return a picture with labels over it in this share of their colors; where layers overlap, half of each.
@@ -249,16 +250,16 @@ def with_labels(
     --------
     >>> black = np.zeros((1, 3, 4), np.float32)
     >>> layers = np.array([[[0, 1, 1]], [[0, 0, 2]]])
-    >>> with_labels(black, layers, {1: (1, 0, 0), 2: (0, 1, 0)}, chosen=[1, 2])[0, :, :2].tolist()
+    >>> with_labels(black, layers, {1: (1, 0, 0), 2: (0, 1, 0)}, bright=[1, 2])[0, :, :2].tolist()
     [[0.0, 0.0], [1.0, 0.0], [0.5, 0.5]]
     """
     out = picture.copy()
     covered = np.zeros(picture.shape[:2], bool)
     for values in layers:
-        inside = values != 0 if share == 1.0 else np.isin(values, list(chosen))
+        inside = values != 0 if share == 1.0 else np.isin(values, list(bright))
         if not inside.any():
             continue
-        own = in_label_colors(values[inside][None], colors, chosen)[0, :, :3]
+        own = in_label_colors(values[inside][None], colors, bright)[0, :, :3]
         shares = np.where(covered[inside], np.float32(share / 2), np.float32(share))[:, None]
         out[inside, :3] = out[inside, :3] * (1 - shares) + own * shares
         covered |= inside
@@ -284,4 +285,5 @@ def slice_position_text(volume: Volume, section: SliceIndex) -> str:
     'z = 2.5 mm'
     """
     side = next(side for side, pair in enumerate(("LR", "PA", "IS")) if axis_codes(volume.affine)[section.axis] in pair)
-    return f"{'xyz'[side]} = {slice_corners(volume, section).mean(axis=0)[side]:.1f} mm"
+    place = float(slice_corners(volume, section).mean(axis=0)[side])
+    return f"{'xyz'[side]} = {position_text([place], min(volume.spacing))}"

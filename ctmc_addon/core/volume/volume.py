@@ -240,11 +240,11 @@ class Volume(SampleGrid):
                 )
         x, y, z = (0, 0, 0) if self.box is None else (start for start, _ in self.box)
         columns, rows, slices = self.size
-        chosen = (range(z, z + slices, stride[2]), range(y, y + rows, stride[1]), range(x, x + columns, stride[0]))
+        ranges = (range(z, z + slices, stride[2]), range(y, y + rows, stride[1]), range(x, x + columns, stride[0]))
         read = []
         with self._readable():
             for reader in (self.reader, *self.layers):
-                values = yield from reader.values_steps(*chosen)
+                values = yield from reader.values_steps(*ranges)
                 read.append(ValuesInMemory(values, reader.value_step, reader.is_whole))
         affine = self.affine.copy()
         affine[:3, :3] *= stride

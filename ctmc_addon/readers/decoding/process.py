@@ -94,7 +94,7 @@ class DecodingProcess:
             sentence, defect, name = answer.get("sentence"), answer.get("defect"), str(answer.get("dtype"))
             size = tuple(answer.get("shape", ()))
         except (ValueError, AttributeError, TypeError) as error:
-            raise DecoderEnded("it answered nonsense") from error
+            raise DecoderEnded("its answer could not be read") from error
         if sentence is not None:
             raise ReadError(str(sentence))
         if defect is not None:

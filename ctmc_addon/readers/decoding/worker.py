@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import CtmcError, ReadError, finish, own_output, requests, say
+from ...core import CtmcError, ReadError, finish, own_output, requests, send
 from ..dicom.header import ImageFile, read_dose_header, read_header
 from ..dicom.labels.classes import DOSE, SEGMENTATION, object_class
 from ..dicom.labels.segmentation_header import header_steps
-from ..dicom.pixels import stored_frames
+from ..dicom.pixels.pixels import stored_frames
 from ..optional_imports import needed, quiet
 
 
@@ -37,9 +37,9 @@ def serve(memory: int) -> None:
     out = own_output()  # libraries may print
     limit_memory(memory)
     needed("pydicom.pixels", "pydicom", "DICOM")
-    say(out, line({"ready": True}))
+    send(out, line({"ready": True}))
     for request in requests():
-        say(out, answer(request))
+        send(out, answer(request))
 
 
 def limit_memory(most: int) -> None:

@@ -63,7 +63,7 @@ def dose_frames(elements: Any, count: int) -> tuple[FrameGeometry, ...]:
 
 
 def dose_remarks(elements: Any) -> tuple[str, ...]:
-    """Return what a reader of a dose should know, in sentences."""
+    """Return notes on a dose."""
     remarks = []
     unit = str(elements.get("DoseUnits", None) or GY).upper()
     if unit != GY:

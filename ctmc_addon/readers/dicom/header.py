@@ -22,7 +22,7 @@ from .deflated import DEFLATED, unpacks_without_end
 from .dose_frames import dose_frames, dose_remarks
 from .frames import FrameGeometry, WrongGroups, frame_geometries
 from .labels.classes import label_class
-from .pixel_format import Pixels, missing_pixels, padding_ends, unusable_number
+from .pixels.pixel_format import Pixels, missing_pixels, padding_ends, unusable_number
 
 IMPLICIT_LITTLE, EXPLICIT_LITTLE, EXPLICIT_BIG = "1.2.840.10008.1.2", "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.2"
 UNCOMPRESSED = (IMPLICIT_LITTLE, EXPLICIT_LITTLE, EXPLICIT_BIG, DEFLATED)

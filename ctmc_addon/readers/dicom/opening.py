@@ -7,10 +7,10 @@ from pathlib import Path
 
 from ...core import Steps
 from ..result import VolumeSource
-from . import series
 from .header import is_multi_frame
 from .labels import segmentation, structures
 from .labels.classes import DOSE, SEGMENTATION, STRUCTURES, object_class
+from .series import series
 
 
 def open_steps(path: Path) -> Steps[VolumeSource]:

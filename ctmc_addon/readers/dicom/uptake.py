@@ -66,9 +66,9 @@ def uptake_steps(slices: Sequence[Slice], series: Sequence[Slice]) -> Steps[Upta
     values = dict(zip(paths, read, strict=True))
     unit = _text(values[slices[0].image.path], "Units")
     try:
-        if any(_text(values[one.image.path], "Units") != unit for one in slices):
+        if any(_text(values[each.image.path], "Units") != unit for each in slices):
             raise _Unknown("its slices have several Units")
-        factors, note = _factors({one.image.path for one in slices}, values, unit)
+        factors, note = _factors({each.image.path for each in slices}, values, unit)
     except _Unknown as error:
         stays = f"stay in {UNITS.get(unit, unit)}" if unit else "have no known unit"
         return Uptake(list(slices), False, [f"the PET's values {stays} and are not SUV: {error}"])
@@ -80,7 +80,7 @@ def uptake_steps(slices: Sequence[Slice], series: Sequence[Slice]) -> Steps[Upta
                 frame._replace(slope=frame.slope * factor, intercept=frame.intercept * factor) for frame in image.frames
             )
             images[image] = replace(image, frames=frames, float_values=True)
-    return Uptake([Slice(images[one.image], one.frame) for one in slices], True, [note])
+    return Uptake([Slice(images[each.image], each.frame) for each in slices], True, [note])
 
 
 def _factors(paths: set[Path], values: Mapping[Path, Mapping[Any, Any]], unit: str) -> tuple[dict[Path, float], str]:
@@ -93,9 +93,9 @@ def _factors(paths: set[Path], values: Mapping[Path, Mapping[Any, Any]], unit: s
         return dict.fromkeys(paths, 1.0), "the PET's values are SUVbw, as the files have them (Units GML)"
     if unit == "CNTS":
         factors = {path: _number(values[path].get(PHILIPS_SUV)) for path in paths}
-        known = {path: factor for path, factor in factors.items() if factor}
-        if len(known) == len(paths):
-            return known, "the PET's values are SUVbw, by Philips' factor (7053,1000)"
+        nonzero = {path: factor for path, factor in factors.items() if factor}
+        if len(nonzero) == len(paths):
+            return nonzero, "the PET's values are SUVbw, by Philips' factor (7053,1000)"
         activity = {path: _number(values[path].get(PHILIPS_ACTIVITY)) for path in paths}
         per_count = {path: factor for path, factor in activity.items() if factor}
         if len(per_count) < len(paths):
@@ -146,28 +146,28 @@ def _body_weight_factor(first: Mapping[Any, Any], series: Sequence[Mapping[Any, 
     return weight * 1000.0 / left, f"the PET's values are SUVbw: Bq/ml by weight and dose, {at}"
 
 
-class _Moment(NamedTuple):
-    """A day, where it is known, and seconds in it."""
+class _DayTime(NamedTuple):
+    """A day, None if unknown, and seconds in it."""
 
     day: int | None
     seconds: float
 
-    def minus(self, other: _Moment) -> float:
+    def minus(self, other: _DayTime) -> float:
         """Return the seconds from another moment to this one, of the same day where one has none."""
         days = 0 if self.day is None or other.day is None else self.day - other.day
         return days * DAY + self.seconds - other.seconds
 
-    def later(self, seconds: float) -> _Moment:
+    def later(self, seconds: float) -> _DayTime:
         """Return the moment after some seconds."""
         days, rest = divmod(self.seconds + seconds, DAY)
-        return _Moment(None if self.day is None else self.day + int(days), rest)
+        return _DayTime(None if self.day is None else self.day + int(days), rest)
 
 
-def _scan_start(series: Sequence[Mapping[Any, Any]], half_life: float | None) -> _Moment | None:
+def _scan_start(series: Sequence[Mapping[Any, Any]], half_life: float | None) -> _DayTime | None:
     """Return when the scan began, to which values were corrected for decay; None if no file says it."""
     started = _moment(series[0].get("SeriesDate"), series[0].get("SeriesTime"))
-    acquired = [(_moment(one.get("AcquisitionDate"), one.get("AcquisitionTime")), one) for one in series]
-    taken = [(moment, one) for moment, one in acquired if moment is not None]
+    acquired = [(_moment(record.get("AcquisitionDate"), record.get("AcquisitionTime")), record) for record in series]
+    taken = [(moment, record) for moment, record in acquired if moment is not None]
     if not taken:
         return started
     earliest, own = min(taken, key=lambda each: (each[0].day or 0, each[0].seconds))
@@ -187,7 +187,7 @@ def _scan_start(series: Sequence[Mapping[Any, Any]], half_life: float | None) ->
     return earliest
 
 
-def _given(tracer: Mapping[Any, Any], values: Mapping[Any, Any]) -> list[_Moment] | None:
+def _given(tracer: Mapping[Any, Any], values: Mapping[Any, Any]) -> list[_DayTime] | None:
     """Return when the tracer was given: with its day if a file says it, then by the time of day; None if unknown."""
     moments = []
     whole = _date_time(tracer.get("RadiopharmaceuticalStartDateTime"), _text(values, "TimezoneOffsetFromUTC"))
@@ -197,11 +197,11 @@ def _given(tracer: Mapping[Any, Any], values: Mapping[Any, Any]) -> list[_Moment
     if of_day is not None:
         moments.append(of_day)
     elif whole is not None:
-        moments.append(_Moment(None, whole.seconds))
+        moments.append(_DayTime(None, whole.seconds))
     return moments or None
 
 
-def _seconds_between(given: Sequence[_Moment], began: _Moment, half_life: float) -> float:
+def _seconds_between(given: Sequence[_DayTime], began: _DayTime, half_life: float) -> float:
     """Return the seconds from the tracer to the scan.
 
     Days that removing names has moved apart do not count; without days it is less than a day, perhaps over midnight.
@@ -215,13 +215,13 @@ def _seconds_between(given: Sequence[_Moment], began: _Moment, half_life: float)
     return (seconds - EARLIEST) % DAY + EARLIEST
 
 
-def _moment(day: Any, time: Any) -> _Moment | None:
+def _moment(day: Any, time: Any) -> _DayTime | None:
     """Return the moment of a DICOM date (DA) and time (TM); None without a time."""
     seconds = _seconds(str(time or "").strip())
-    return None if seconds is None else _Moment(_day(str(day or "").strip()), seconds)
+    return None if seconds is None else _DayTime(_day(str(day or "").strip()), seconds)
 
 
-def _date_time(value: Any, zone: str = "") -> _Moment | None:
+def _date_time(value: Any, zone: str = "") -> _DayTime | None:
     """Return the moment of a DICOM date and time (DT), in the time zone of the other times.
 
     Examples

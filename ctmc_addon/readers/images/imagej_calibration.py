@@ -33,10 +33,10 @@ FUNCTIONS = {
     21: "uncalibrated optical density",
     22: "custom",
 }
-SIGNED_16_BIT_OFFSET = 1 << 15  # ImageJ adds it to signed 16 bits when it opens them, before it calibrates
+SIGNED_16_BIT_OFFSET = 1 << 15  # ImageJ adds it to signed 16 bit values when it opens them, before calibration.
 
 
-class Calibration(NamedTuple):
+class ImageJCalibration(NamedTuple):
     """The straight line from stored numbers to gray values: slope x stored + intercept."""
 
     slope: float = 1.0
@@ -51,7 +51,7 @@ class Calibration(NamedTuple):
         return f"calibrated as {_line(self.slope, self.intercept)}"
 
 
-def calibration_of(about: Mapping[str, Any], layout: PageLayout) -> Calibration:
+def calibration_of(about: Mapping[str, Any], layout: PageLayout) -> ImageJCalibration:
     """Return the calibration of a TIFF of ImageJ.
 
     Parameters
@@ -63,15 +63,15 @@ def calibration_of(about: Mapping[str, Any], layout: PageLayout) -> Calibration:
 
     Returns
     -------
-    Calibration
+    ImageJCalibration
         The identity where there is none, or none that is applied; a note names one that is not.
     """
     code = about.get("cf")
     if code is None or code == NONE:
-        return Calibration()
+        return ImageJCalibration()
     unfit = _unfit(layout)
     if unfit:
-        return Calibration(notes=(f"ImageJ's calibration is not applied: cf={code} is for {unfit}",))
+        return ImageJCalibration(notes=(f"ImageJ's calibration is not applied: cf={code} is for {unfit}",))
     slope, intercept = (_number(about.get(name)) for name in ("c1", "c0"))
     remedy = "; in ImageJ, Image > Type > 32-bit applies it before saving"
     if code != STRAIGHT_LINE or isinstance(code, bool):
@@ -84,12 +84,14 @@ def calibration_of(about: Mapping[str, Any], layout: PageLayout) -> Calibration:
         if layout.dtype.kind == "i":
             intercept += slope * SIGNED_16_BIT_OFFSET
         if (slope, intercept) == (1.0, 0.0):
-            return Calibration()
+            return ImageJCalibration()
         notes = [f"ImageJ's calibration was applied: gray value = {_line(slope, intercept)}"]
         if about.get("zeroclip") is True:
             notes.append("ImageJ's zeroclip is not applied: gray values below 0 are kept")
-        return Calibration(slope, intercept, tuple(notes))
-    return Calibration(notes=(f"ImageJ's calibration {why} is not applied: gray values are those stored{remedy}",))
+        return ImageJCalibration(slope, intercept, tuple(notes))
+    return ImageJCalibration(
+        notes=(f"ImageJ's calibration {why} is not applied: gray values are those stored{remedy}",)
+    )
 
 
 def _unfit(layout: PageLayout) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...core import ReadError
 
-CODESTREAM = b"\xff\x4f\xff\x51"  # SOC and SIZ
+CODESTREAM = b"\xff\x4f\xff\x51"  # The markers SOC and SIZ.
 END = b"\xff\xd9"
 COMPONENT = 42  # This byte of the codestream has depth and sign of the first component.
 HARMLESS = 1 << 20  # This many pixels are decoded in no time.

@@ -23,7 +23,7 @@ from .slice_names import left_out, limited_names, require_one_stack, runs_by_nam
 from .tiff import ome_text, plain_page_count, tiff_picture
 from .tiff_axes import Pages, pages_of_axes
 
-MOST_XML = 1 << 26  # bytes
+MOST_XML = 1 << 26  # Read at most this many bytes of metadata.
 
 
 class _OmeFiles(NamedTuple):

@@ -31,7 +31,7 @@ PILLOW_ERRORS = (
     LookupError,
     struct.error,
     zlib.error,
-)  # imageio and Pillow raise these, beside Pillow's bomb error.
+)  # Errors that imageio and Pillow raise, besides Pillow's bomb error.
 # The type of the values by that of the pixels; older Pillow widens 16 bits to int32.
 DTYPES = {"bool": "uint8", "uint8": "uint8", "uint16": "uint16", "int32": "uint16"}
 PNG_DEPTH, PNG_COLOR = 24, 25  # Bytes of a PNG with the bits of a sample and the kind of a pixel.
@@ -146,8 +146,8 @@ def gray(pixels: NDArray[Any], name: str, tolerance: int) -> NDArray[Any]:
     if channels in (2, 4) and (pixels[..., -1] != pixels[..., -1].max()).any():
         raise ReadError(f"{name} is partly transparent; flatten it to gray without an alpha channel")
     first = pixels[..., 0]
-    for other in range(1, 3 if channels > 2 else 1):
-        low, high = np.minimum(first, pixels[..., other]), np.maximum(first, pixels[..., other])
+    for channel in range(1, 3 if channels > 2 else 1):
+        low, high = np.minimum(first, pixels[..., channel]), np.maximum(first, pixels[..., channel])
         difference = (high - low).max()
         if difference > tolerance:
             raise ReadError(

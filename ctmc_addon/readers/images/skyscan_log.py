@@ -12,6 +12,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from ...core import mm_text
 from ...core.files.input_files import add_inputs
 from .slice_names import step_of
 
@@ -51,7 +52,7 @@ def skyscan_spacing(slices: Sequence[Path]) -> tuple[Spacing | None, tuple[str, 
         step, why = _pixels_apart(_positive(values.get((RECONSTRUCTION, STEP), "")) or 1.0, step_of(slices) or 1.0)
         mm = size * MM_PER_UM
         apart = "" if step == 1.0 else f", and slices are {step:g} pixels apart ({why})"
-        return (mm, mm, mm * step), (f"{log.name} says that pixels are {size:.6g} um wide: {mm:.6g} mm{apart}",)
+        return (mm, mm, mm * step), (f"{log.name} says that pixels are {size:.6g} um wide: {mm_text(mm, 6)}{apart}",)
     return None, ()
 
 

@@ -18,7 +18,7 @@ from ...core import PAUSE, ReadError, Steps
 from ...core.volume import SliceReader
 from ..optional_imports import needed, quiet
 from ..result import RawValues, ReadRequest, Series, VolumeSource
-from ..stored_slices import RawSlices, TimeSlices
+from ..streams.stored_slices import RawSlices, TimeSlices
 from ..value_kind import scaled_steps
 from .decoded import DecodedSlices
 from .pillow import JPEG_NOISE, Picture, gray

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 
 from ...core import ReadError
 from ..length_units import in_mm
-from .imagej_calibration import Calibration, calibration_of
+from .imagej_calibration import ImageJCalibration, calibration_of
 from .tiff_page import PageLayout
 
-PIXELS = ("pixel", "pixels")  # ImageJ's units of a picture without scale
-MOST_CHANNELS = 4  # ImageJ calls the slices of a plain stack channels; up to so many may be real ones
+PIXELS = ("pixel", "pixels")  # Units that ImageJ writes for a picture without a scale.
+MOST_CHANNELS = 4  # Up to this many channels may be real; ImageJ also calls the slices of a plain stack channels.
 LONGEST_TEXT = 1 << 20  # Only this many letters of a description are searched.
 
 
@@ -84,13 +84,13 @@ class TiffMetadata(NamedTuple):
         Millimeters.
     notes : tuple of str
         What was assumed about the spacing.
-    calibration : Calibration
+    calibration : ImageJCalibration
         From stored numbers to gray values.
     """
 
     spacing: tuple[float, float, float] | None = None
     notes: tuple[str, ...] = ()
-    calibration: Calibration = Calibration()
+    calibration: ImageJCalibration = ImageJCalibration()
 
 
 def metadata_of_tiff(tiff: Any, layout: PageLayout, several: bool) -> TiffMetadata:
@@ -176,6 +176,6 @@ def spacing_in_mm(
     if z is None:
         z, units = x, [units[0], units[1], units[0]]
         notes.append("the TIFF has no spacing between slices: that between columns is taken; give the spacing in mm")
-    lengths_mm, said = in_mm(units)
+    lengths_mm, unit_notes = in_mm(units)
     lengths = [size * mm for size, mm in zip((x, y, z), lengths_mm, strict=True)]
-    return (lengths[0], lengths[1], lengths[2]), (*notes, *said)
+    return (lengths[0], lengths[1], lengths[2]), (*notes, *unit_notes)

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from ...core import ReadError
 from ..optional_imports import needed, reason
-from ..packed_size import HARMLESS, bytes_to_look_at, unpacks_beyond
+from ..streams.packed_size import HARMLESS, bytes_to_look_at, unpacks_beyond
 
 # tifffile was seen to raise these on damaged files, beside its own error. They are caught around its calls alone.
 DAMAGE = (
@@ -44,13 +44,13 @@ WHOLE_TYPES = (1, 3, 4, 16)  # BYTE, SHORT, LONG and LONG8; libtiff passes over 
 HEADER = 8  # No pixels are in these bytes at the start; tifffile takes the offset 0 for a strip of zeros.
 TILE_STEP = 16  # The sides of tiles are multiples of it.
 MOST_SHADE = (1 << 16) - 1  # A color of a palette has 16 bits.
-WHITE_IS_ZERO, BLACK_IS_ZERO, RGB, PALETTE, MASK, YCBCR = 0, 1, 2, 3, 4, 6  # PhotometricInterpretation
+WHITE_IS_ZERO, BLACK_IS_ZERO, RGB, PALETTE, MASK, YCBCR = 0, 1, 2, 3, 4, 6  # Values of PhotometricInterpretation.
 KINDS = {1: "u", 2: "i", 3: "f", 4: "u"}  # Values of SampleFormat; 4 is "undefined", as libtiff has it.
 SIZES = {"u": (8, 16, 32, 64), "i": (8, 16, 32, 64), "f": (32, 64)}
 UNCOMPRESSED, GROUP_4, JPEG = 1, 4, 7  # Values of Compression.
 WITHOUT_END = (2, 3)  # Nobody could tell where pixels of CCITT run lengths and of Group 3 end.
 STREAMS = {8: "zlib", 32946: "zlib", 50013: "zlib", 34925: "lzma", 50000: "zstd"}
-BY_PILLOW = (GROUP_4, JPEG)  # imagecodecs may round JPEG in another way.
+BY_PILLOW = (GROUP_4, JPEG)  # Pillow unpacks these, because imagecodecs may round JPEG differently.
 EXACT_MODES = {  # Pillow's types whose values are those stored, by the bits of a sample.
     1: ("1", "P"), 2: ("L", "P"), 4: ("L", "P"), 8: ("L", "P", "LA", "RGB", "RGBA"), 12: ("I;16",),
     16: ("I;16", "I;16B", "I"), 32: ("I", "F"),
@@ -88,7 +88,7 @@ class PageLayout(NamedTuple):
 
 
 class _Complaints(logging.Handler):
-    """A collection of what tifffile logs in this thread."""
+    """Collect the messages that tifffile logs in this thread."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)

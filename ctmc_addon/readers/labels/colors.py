@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 RGB = tuple[int, int, int]
-WHITE = (0.95047, 1.0, 1.08883)  # XYZ of D65
+WHITE = (0.95047, 1.0, 1.08883)  # White as XYZ of D65.
 TO_LINEAR_RGB = ((3.2406, -1.5372, -0.4986), (-0.9689, 1.8758, 0.0415), (0.0557, -0.2040, 1.0570))
 MOST = 0xFFFF
 CYCLE: tuple[RGB, ...] = (

@@ -19,7 +19,7 @@ from ..value_kind import require_volume_memory
 from .colors import RGB
 
 MOST_LABELS = 65535
-LONGEST_NAME = 200  # characters
+LONGEST_NAME = 200  # Names are cut to this many characters.
 MOST_NAMED = 8  # A note names at most this many labels.
 
 
@@ -84,9 +84,9 @@ class LabelMap:
             if not covered.size:
                 free = layer if free is None else free
                 continue
-            for other, count in enumerate(np.bincount(covered).tolist()):
+            for covered_label, count in enumerate(np.bincount(covered).tolist()):
                 if count:
-                    pair = (min(label, other), max(label, other))
+                    pair = (min(label, covered_label), max(label, covered_label))
                     self.overlaps[pair] = self.overlaps.get(pair, 0) + count
         if free is None:
             self._add_layer()

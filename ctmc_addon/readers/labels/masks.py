@@ -25,8 +25,9 @@ from ...core.volume import (
     farthest_corner_mm,
     spacing_of,
 )
-from ..dicom.mask_series import middle_is_mask_steps
-from ..dicom.series import DicomSource, FolderContent
+from ..dicom.series.folder import FolderContent
+from ..dicom.series.mask_series import middle_is_mask_steps
+from ..dicom.series.series import DicomSource
 from ..file_formats import natural_key, segmentation_sibling, stem, suffix
 from ..registry import MASK_SUFFIXES
 from ..result import RawValues, ReadRequest, Series, VolumeSource
@@ -135,13 +136,13 @@ def _whole_if_nearly(values: NDArray[Any], numbers: WholeNumbers) -> NDArray[Any
 
 
 def _same_place(
-    affine: NDArray[np.float64] | None, other: NDArray[np.float64] | None, shape: tuple[int, int, int]
+    affine: NDArray[np.float64] | None, second: NDArray[np.float64] | None, shape: tuple[int, int, int]
 ) -> bool:
     """Return whether two volumes (slices, rows, columns) have their corners at the same places."""
-    if affine is None or other is None:
-        return affine is other
-    apart_mm = farthest_corner_mm(affine, other, (shape[2], shape[1], shape[0]))
-    return apart_mm <= SAME_GRID * float(spacing_of(other).min())
+    if affine is None or second is None:
+        return affine is second
+    apart_mm = farthest_corner_mm(affine, second, (shape[2], shape[1], shape[0]))
+    return apart_mm <= SAME_GRID * float(spacing_of(second).min())
 
 
 def _other_grid(folder: Path, first: str, name: str) -> ReadError:
@@ -234,7 +235,7 @@ def in_folders_steps(source: DicomSource) -> Steps[_MaskFolder | None]:
             folders[broken.path.parent].broken.append(broken)
     masks: dict[str, VolumeSource] = {}
     for number, folder in enumerate(sorted(folders, key=natural_key)):
-        yield Step(number / len(folders), "Looking at masks")
+        yield Step(number / len(folders), "Checking masks")
         mask = DicomSource(folder, folders[folder])
         slices = folders[folder].series[mask.series[0].uid]
         if len(mask.series) > 1 or len(slices) < FEWEST or not (yield from middle_is_mask_steps(slices)):

@@ -40,10 +40,10 @@ def labels_beside(path: str | os.PathLike[str]) -> tuple[Path, ...]:
         below = [file for _, file in zip(range(MOST_FILES), files_below(folder), strict=False)]
         folders = [ct.parent, ct] if ct.is_dir() else [ct.parent]
         inner = [entry for around in folders for entry in around.iterdir() if entry.is_dir() and entry != ct]
-        beside = [entry for entry in inner if ct.is_dir() and entry.parent == ct.parent]
+        neighbors = [entry for entry in inner if ct.is_dir() and entry.parent == ct.parent]
         labels = [file for file in below if file != ct and label_class(file)]
-        if len(beside) <= FEW_FOLDERS:
-            nearby = [file for entry in beside for file in _label_files(entry)]
+        if len(neighbors) <= FEW_FOLDERS:
+            nearby = [file for entry in neighbors for file in _label_files(entry)]
             labels += _labels_of(below, nearby) if nearby else []
     except OSError:
         return ()
@@ -87,9 +87,9 @@ def volumes_beside(path: str | os.PathLike[str]) -> tuple[Path, ...]:
         if not all(kind == PET for kind in classes.values()):  # else it is what was asked for itself
             volumes += _series_of([file for file, kind in classes.items() if kind == PET], below, ct)
         if ct.is_dir():
-            beside = [entry for entry in ct.parent.iterdir() if entry.is_dir() and entry != ct]
+            neighbors = [entry for entry in ct.parent.iterdir() if entry.is_dir() and entry != ct]
             images = [file for file, kind in classes.items() if not kind]
-            volumes += _volumes_in(beside, images) if len(beside) <= FEW_FOLDERS else []
+            volumes += _volumes_in(neighbors, images) if len(neighbors) <= FEW_FOLDERS else []
     except OSError:
         return ()
     return tuple(sorted(volumes, key=natural_key))

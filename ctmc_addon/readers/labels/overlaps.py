@@ -103,22 +103,22 @@ def _pairs_with_overlapping_boxes(
     compared = 0.0
     for number in range(len(contours) - 1):
         sides = np.minimum(high[number], high[number + 1 :]) - np.maximum(low[number], low[number + 1 :]) + 1
-        for other in np.flatnonzero((sides > 0).all(axis=1)).tolist():
-            compared += max(LEAST_COMPARED, float(sides[other, 0] * sides[other, 1]))
+        for following in np.flatnonzero((sides > 0).all(axis=1)).tolist():
+            compared += max(LEAST_COMPARED, float(sides[following, 0] * sides[following, 1]))
             if compared > MOST_COMPARED:
                 raise ReadError(
                     f"contours of {name} overlap each other in one plane on more than {MOST_COMPARED} pixels, too "
                     "many for drawn contours; export it again"
                 )
-            yield number, number + 1 + other
+            yield number, number + 1 + following
 
 
 def _partly_overlap(first: Filled, second: Filled) -> bool:
     """Return whether two bodies share pixels and each has more than a sliver for itself."""
     top, left = max(first.top, second.top), max(first.left, second.left)
-    windows = [one.mask[top - one.top :, left - one.left :] for one in (first, second)]
+    windows = [box.mask[top - box.top :, left - box.left :] for box in (first, second)]
     rows, columns = (min(window.shape[axis] for window in windows) for axis in (0, 1))
     shared = np.count_nonzero(windows[0][:rows, :columns] & windows[1][:rows, :columns])
-    smaller, larger = sorted(np.count_nonzero(one.mask) - shared for one in (first, second))
+    smaller, larger = sorted(np.count_nonzero(box.mask) - shared for box in (first, second))
     # The ring that a hole leaves may be thin: what sticks out of it is compared with the ring, too.
     return shared > 0 and smaller > SLIVER * min(shared + smaller, larger)

@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import ReadError, Steps
-from ..optional_imports import imported_steps, needed, quiet, reason
+from ..optional_imports import needed, quiet, reason
+from ..registry import ANALYZE_LIBRARY
 from ..result import RawValues, ReadRequest, Series, VolumeSource
-from ..streams import STREAM_ERRORS
+from ..streams.streams import STREAM_ERRORS
 from ..value_kind import scaled_steps
 from .grid import grid_slices
 from .nifti import NiftiFile, checked_dtype, checked_scale, checked_size, header_errors, mended, mended_notes
 
-HEADER = 348  # bytes
+HEADER = 348  # A header has this many bytes.
 NIFTI_MAGIC = (b"ni1\0", b"ni2\0")
-MODULE = "nibabel.spm2analyze"
 MOST_OFFSET = 1 << 24  # Bytes before the values.
 DATA_SUFFIXES = (".img", ".img.gz", ".IMG")
 
@@ -65,7 +65,7 @@ class _AnalyzeFile(VolumeSource):
         return RawValues(values, affine, (note, *mended_notes(self.pixdim, taken)))
 
 
-def open_steps(path: Path) -> Steps[VolumeSource]:
+def open_source(path: Path) -> VolumeSource:
     """Return the volume of a `.hdr`, or of the `.img` beside it."""
     header_path = path.with_suffix(".hdr")
     data_path = next((file for file in map(header_path.with_suffix, DATA_SUFFIXES) if file.is_file()), None)
@@ -79,7 +79,6 @@ def open_steps(path: Path) -> Steps[VolumeSource]:
         magic = stream.read(HEADER)[-4:]
         stream.seek(4)
         second = stream.read(4) in NIFTI_MAGIC
-    yield from imported_steps(MODULE, "nibabel", "Analyze")
     if second or magic in NIFTI_MAGIC:
         return NiftiFile(header_path, data_path)
     return _AnalyzeFile(header_path, data_path)
@@ -87,7 +86,7 @@ def open_steps(path: Path) -> Steps[VolumeSource]:
 
 def read_header(path: Path) -> tuple[Any, NDArray[np.float64]]:
     """Return the header as nibabel mends it, and its pixdim (3,) as it is written."""
-    kind = needed(MODULE, "nibabel", "Analyze").Spm2AnalyzeHeader
+    kind = needed(*ANALYZE_LIBRARY, "Analyze").Spm2AnalyzeHeader
     try:
         with path.open("rb") as stream:
             content = stream.read(HEADER)

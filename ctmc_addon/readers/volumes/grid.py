@@ -12,8 +12,8 @@ import numpy as np
 
 from ...core import ReadError
 from ...core.volume import SliceReader
-from ..stored_slices import PackedSlices, RawSlices, TimeSlices
-from ..streams import is_packed, opened
+from ..streams.stored_slices import PackedSlices, RawSlices, TimeSlices
+from ..streams.streams import is_packed, opened
 
 
 def check_bytes(path: Path, needed: int) -> None:

@@ -22,9 +22,9 @@ from ...core.volume import SliceReader, ValuesInMemory
 from ..geometry import turned_notes
 from ..length_units import in_mm
 from ..result import RawValues, ReadRequest, Series, VolumeSource
-from ..stored_slices import JoinedSlices, PackedSlices, RawSlices, TimeSlices
+from ..streams.stored_slices import JoinedSlices, PackedSlices, RawSlices, TimeSlices
+from ..streams.zlib_stream import ZlibFile
 from ..value_kind import require_text_memory
-from ..zlib_stream import ZlibFile
 from .grid import check_bytes
 from .nrrd import data_files, header_text, open_data_file, words_steps
 from .text_header import MOST_HEADER, numbers, whole
@@ -107,10 +107,9 @@ class _MetaImageFile(VolumeSource):
         return PackedSlices(file, unpacked, 0, shape, self.dtype)
 
 
-def open_steps(path: Path) -> Steps[_MetaImageFile]:
+def open_source(path: Path) -> _MetaImageFile:
     """Open the file."""
     return _MetaImageFile(path)
-    yield  # its header is short
 
 
 def read_header(stream: IO[bytes], name: str) -> tuple[dict[str, str], list[str]]:
@@ -232,6 +231,6 @@ def placed(
     if spacing is None:
         notes.append("the file has a direction but no spacing: 1 mm is assumed along x, y and z")
     notes += turned_notes(next((key for key in SPACING if key.lower() in fields), ""), lengths[:3])
-    lengths_mm, said = in_mm([fields.get("distanceunits", "")])
+    lengths_mm, unit_notes = in_mm([fields.get("distanceunits", "")])
     affine[:3] *= lengths_mm[0]
-    return affine, directions, (*notes, *said)
+    return affine, directions, (*notes, *unit_notes)

@@ -11,19 +11,19 @@ from typing import Any
 
 import numpy as np
 
-from ...core import ReadError, Steps
+from ...core import ReadError
 from ...core.volume import transform_points
-from ..optional_imports import imported_steps, needed, quiet, reason
+from ..optional_imports import needed, quiet, reason
+from ..registry import MGH_LIBRARY
 from ..result import RawValues, ReadRequest, Series, VolumeSource
-from ..streams import STREAM_ERRORS, opened
+from ..streams.streams import STREAM_ERRORS, opened
 from .grid import grid_slices
 
 HEADER = 284  # Bytes; most are unused.
 FIELDS = 90  # Bytes in use.
 RAS_FLAG = 28  # Byte of the flag; nibabel sets it, with directions that are not FreeSurfer's.
 CORONAL = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-MODULE = "nibabel.freesurfer.mghformat"
-HEADER_ERRORS = (*STREAM_ERRORS, KeyError, ArithmeticError)  # nibabel raises these, beside its own.
+HEADER_ERRORS = (*STREAM_ERRORS, KeyError, ArithmeticError)  # Errors that nibabel raises besides its own.
 
 
 class _MghFile(VolumeSource):
@@ -44,8 +44,8 @@ class _MghFile(VolumeSource):
         series = Series(1, "", slices, (columns, rows), "", self.dtype.newbyteorder("=").name, times)
         super().__init__(path, (series,), [path])
 
-    def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
-        """Read the values of one time."""
+    def raw_values(self, request: ReadRequest) -> RawValues:
+        """Return the values of one time."""
         line = self.series[0]
         affine, notes = np.eye(4), []
         # nibabel's own affine is rounded to float32, from a product whose last bit depends on the processor.
@@ -60,18 +60,16 @@ class _MghFile(VolumeSource):
             )
         values = grid_slices(self.path, HEADER, line.shape, self.dtype, request.time, line.times)
         return RawValues(values, affine, tuple(notes))
-        yield  # the values are read where they are wanted
 
 
-def open_steps(path: Path) -> Steps[_MghFile]:
-    """Open the file; nibabel brings much with it, so that its first import is long."""
-    yield from imported_steps(MODULE, "nibabel", "MGH")
+def open_source(path: Path) -> _MghFile:
+    """Open the file."""
     return _MghFile(path)
 
 
 def read_header(path: Path) -> tuple[Any, bool]:
     """Return the header by nibabel, and whether it has directions."""
-    mgh = needed(MODULE, "nibabel", "MGH")
+    mgh = needed(*MGH_LIBRARY, "MGH")
     errors = (*HEADER_ERRORS, mgh.HeaderDataError, mgh.MGHError)
     try:
         with opened(path) as stream, quiet():

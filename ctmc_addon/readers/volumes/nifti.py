@@ -17,24 +17,24 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import ReadError, Steps
+from ...core import ReadError, Steps, mm_text, spacing_text
 from ...core.volume import ValueKind, axis_codes, determinant, farthest_corner_mm, spacing_of
 from ..geometry import differ, lengths_text
 from ..labels.colors import RGB, is_palette, rgb_of_shares
 from ..length_units import in_mm
-from ..optional_imports import imported_steps, needed, quiet, reason
+from ..optional_imports import needed, quiet, reason
+from ..registry import NIFTI_LIBRARY
 from ..result import RawValues, ReadRequest, Series, VolumeSource
-from ..streams import STREAM_ERRORS, opened
+from ..streams.streams import STREAM_ERRORS, opened
 from ..value_kind import scaled_steps
 from .grid import grid_slices
 
-MODULE = "nibabel.nifti2"  # It imports that of NIfTI-1 too.
 LONGEST_HEADER = 540  # A header of NIfTI-2 has these bytes, one of NIfTI-1 fewer.
 MOST_HEADER = 2**24  # At most these bytes are before the values; label tables of extensions take some thousands.
 MOST_SCALE = 1e20  # The product of a slope, or of an intercept, and a value must be a float32.
 TABLE_END = b"</LabelTable>"
 LABEL_INTENT = 1002  # NIFTI_INTENT_LABEL says that each value is the number of a label.
-DAMAGED_LEVEL = 40  # nibabel refuses a header from this severity on, and mends what is less.
+DAMAGED_LEVEL = 40  # From this severity on nibabel refuses a header; it mends smaller damage.
 SILENT = logging.Logger("nibabel's checks", logging.CRITICAL + 1)  # Mended fields are said in the notes.
 
 
@@ -68,9 +68,8 @@ class NiftiFile(VolumeSource):
         return RawValues(values, affine, notes, kind, names, colors, is_palette(colors))
 
 
-def open_steps(path: Path) -> Steps[NiftiFile]:
+def open_source(path: Path) -> NiftiFile:
     """Open the file."""
-    yield from imported_steps(MODULE, "nibabel", "NIfTI")
     return NiftiFile(path)
 
 
@@ -85,7 +84,7 @@ def read_header(stream: IO[bytes], name: str, pair: bool = False) -> tuple[Any, 
     pair : bool
         Whether the values are in another file.
     """
-    second, first = needed(MODULE, "nibabel", "NIfTI"), needed("nibabel.nifti1", "nibabel", "NIfTI")
+    second, first = needed(*NIFTI_LIBRARY, "NIfTI"), needed("nibabel.nifti1", "nibabel", "NIfTI")
     try:
         head = stream.read(LONGEST_HEADER)
         kind = second.Nifti2Header if second.Nifti2Header.may_contain_header(head) else first.Nifti1Header
@@ -214,9 +213,9 @@ def placed(header: Any, pixdim: NDArray[np.float64], name: str) -> tuple[NDArray
             "the file has no orientation (sform and qform codes are 0): taken as columns towards the patient's left, "
             "rows towards the front, slices towards the head; flip x, y or z changes it"
         )
-    (mm,), said = in_mm([unit_of(header)])
+    (mm,), unit_notes = in_mm([unit_of(header)])
     affine[:3] *= mm
-    return affine, (*notes, *_geometry_notes(header, pixdim, mm), *said)
+    return affine, (*notes, *_geometry_notes(header, pixdim, mm), *unit_notes)
 
 
 def unit_of(header: Any) -> str:
@@ -245,7 +244,7 @@ def _geometry_notes(header: Any, pixdim: NDArray[np.float64], mm: float) -> tupl
         return mended_notes(pixdim * mm, np.array(header["pixdim"][1:4], np.float64) * mm)
     affine = np.array(header.get_sform(), np.float64)
     lengths, pixdim_lengths = spacing_of(affine) * mm, np.abs(pixdim) * mm
-    parts = [f"spacing {lengths_text(lengths)} and {lengths_text(pixdim_lengths)} mm"] * differ(pixdim_lengths, lengths)
+    parts = [f"spacing {lengths_text(lengths)} and {spacing_text(pixdim_lengths)}"] * differ(pixdim_lengths, lengths)
     if not header["qform_code"]:
         return (f"the file's sform and pixdim differ ({parts[0]}): sform is taken",) if parts else ()
     try:
@@ -260,7 +259,7 @@ def _geometry_notes(header: Any, pixdim: NDArray[np.float64], mm: float) -> tupl
     columns, rows, slices = header.get_data_shape()[:3]
     away_mm = farthest_corner_mm(affine, qform, (columns, rows, slices)) * mm
     if not parts and away_mm > lengths.min():  # float32 rounds quaternions of half turns badly
-        parts.append(f"places up to {away_mm:.3g} mm apart")
+        parts.append(f"places up to {mm_text(away_mm, 3)} apart")
     return (f"the file's sform and qform differ ({'; '.join(parts)}): sform is taken",) if parts else ()
 
 
@@ -268,10 +267,8 @@ def mended_notes(written_mm: NDArray[np.float64], taken_mm: NDArray[np.float64])
     """Return the note on distances between samples, (3,) mm, that are not above 0, and those that are taken."""
     if not (written_mm <= 0).any():
         return ()
-    taken = lengths_text(taken_mm)
-    return (
-        f"the file's pixdim is {lengths_text(written_mm)}: taken as {taken} mm; give the spacing in mm for another",
-    )
+    taken = spacing_text(taken_mm)
+    return (f"the file's pixdim is {lengths_text(written_mm)}: taken as {taken}; give the spacing in mm for another",)
 
 
 def label_table(extensions: Sequence[bytes]) -> tuple[dict[int, str], dict[int, RGB]]:

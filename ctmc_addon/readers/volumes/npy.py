@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ...core import PAUSE, ReadError, Steps
+from ...core import ReadError
 from ..optional_imports import quiet
 from ..result import RawValues, ReadRequest, Series, VolumeSource
-from ..stored_slices import RawSlices, TransposedSlices
+from ..streams.stored_slices import RawSlices, TransposedSlices
 
 # Of NumPy on a header, which is a line of Python.
 HEADER_ERRORS = (ValueError, TypeError, EOFError, SyntaxError, TokenError, RecursionError, MemoryError)
@@ -31,20 +31,18 @@ class NpyFile(VolumeSource):
         slices, rows, columns = self.shape
         super().__init__(path, (Series(1, "", slices, (columns, rows), "", self.dtype.name),), [path])
 
-    def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
-        """Read the values."""
+    def raw_values(self, request: ReadRequest) -> RawValues:
+        """Return the values."""
         del request
-        yield PAUSE
         if not self.fortran:
             return RawValues(RawSlices(self.path, self.start, self.shape, self.dtype), None)
         stored = RawSlices(self.path, self.start, self.shape[::-1], self.dtype)
         return RawValues(TransposedSlices(stored), None)
 
 
-def open_steps(path: Path) -> Steps[NpyFile]:
+def open_source(path: Path) -> NpyFile:
     """Open the file."""
     return NpyFile(path)
-    yield  # its header is short
 
 
 def read_header(stream: Any, name: str) -> tuple[tuple[int, int, int], bool, np.dtype[Any]]:

@@ -24,16 +24,16 @@ from ..geometry import AXIAL
 from ..labels.names.segments import layered_steps, names_and_colors, segments_of
 from ..optional_imports import needed, quiet, reason
 from ..result import RawValues, ReadRequest, Series, VolumeSource
-from ..stored_slices import InterleavedSlices, JoinedSlices, PackedSlices, RawSlices, TimeSlices
-from ..streams import skip_steps, unpacked
+from ..streams.stored_slices import InterleavedSlices, JoinedSlices, PackedSlices, RawSlices, TimeSlices
+from ..streams.streams import skip_steps, unpacked
 from ..value_kind import require_text_memory
 from .nrrd_place import placed
 
 Result = TypeVar("Result")
 
-MOST_HEADER = 2**24  # bytes
+MOST_HEADER = 2**24  # Read at most this many bytes of header.
 MOST_SKIP = 1 << 62  # Bytes; no file is that long.
-HEADER_ERRORS = (ValueError, KeyError, IndexError, TypeError, StopIteration)  # pynrrd raises these, beside its own.
+HEADER_ERRORS = (ValueError, KeyError, IndexError, TypeError, StopIteration)  # Errors of pynrrd besides its own.
 TYPES = {
     "i1": ("signed char", "int8", "int8_t"),
     "u1": ("uchar", "unsigned char", "uint8", "uint8_t"),
@@ -83,11 +83,11 @@ class _NrrdFile(VolumeSource):
                 layers.append((yield from self._time_steps(layer)))
             label_layers = yield from layered_steps(layers, self.segments, self.path.name)
             first, *further = label_layers.layers
-            said = (*notes, *label_layers.notes)
+            all_notes = (*notes, *label_layers.notes)
             return RawValues(
                 first,
                 affine,
-                said,
+                all_notes,
                 ValueKind.LABEL,
                 label_layers.names,
                 label_layers.colors,
@@ -124,10 +124,9 @@ class _NrrdFile(VolumeSource):
         return TimeSlices(stored, time * slices, slices)
 
 
-def open_steps(path: Path) -> Steps[_NrrdFile]:
+def open_source(path: Path) -> _NrrdFile:
     """Open the file."""
     return _NrrdFile(path)
-    yield  # its header is short
 
 
 def read_header(stream: IO[bytes], name: str) -> Mapping[str, Any]:

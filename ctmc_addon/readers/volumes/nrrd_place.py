@@ -73,23 +73,23 @@ def _by_directions(header: Mapping[str, Any], kept: list[int]) -> tuple[NDArray[
     if signs is None:
         signs = (1.0, 1.0, 1.0)
         notes.append(
-            f"the file's space '{space or 'none'}' names no side of the patient: taken as right-anterior-superior"
+            f"the file's space '{space or 'none'}' does not name sides of the patient: taken as right-anterior-superior"
         )
     affine[:3] *= np.array(signs)[:, None]
     of_space, of_axes = _units_of_space(header), _units_of_axes(header, kept)
     if of_space:
-        lengths_mm, said = in_mm(of_space)
+        lengths_mm, unit_notes = in_mm(of_space)
         affine[:3] *= np.array(lengths_mm)[:, None]
-        return affine, (*notes, *said, *_other_units("space units", of_space, "units", of_axes))
-    lengths_mm, said = in_mm(of_axes or [""] * 3)
+        return affine, (*notes, *unit_notes, *_other_units("space units", of_space, "units", of_axes))
+    lengths_mm, unit_notes = in_mm(of_axes or [""] * 3)
     if len(set(lengths_mm)) == 1:
         affine[:3] *= lengths_mm[0]
-        return affine, (*notes, *said)
+        return affine, (*notes, *unit_notes)
     notes.append(
         f"the file's units {_quoted(of_axes)} differ and it has no space units: "
         "directions and origin were converted by the unit of each axis"
     )
-    return _converted_along(affine, lengths_mm), (*notes, *said)
+    return _converted_along(affine, lengths_mm), (*notes, *unit_notes)
 
 
 def _converted_along(affine: NDArray[np.float64], lengths_mm: list[float]) -> NDArray[np.float64]:
@@ -145,11 +145,11 @@ def _by_spacings(header: Mapping[str, Any], kept: list[int]) -> tuple[NDArray[np
         notes.append("the NRRD has axis mins without centerings: taken as the positions of the first samples")
     of_axes, of_space = _units_of_axes(header, kept), _units_of_space(header)
     notes += [*turned_notes("spacings", spacings), *_other_units("units", of_axes, "space units", of_space)]
-    lengths_mm, said = in_mm(of_axes or of_space or [""] * 3)
+    lengths_mm, unit_notes = in_mm(of_axes or of_space or [""] * 3)
     affine = np.eye(4)
     affine[:3, :3] = AXIAL * spacings * lengths_mm
     affine[:3, 3] = signs * first * lengths_mm + 0.0
-    return affine, (*notes, *said)
+    return affine, (*notes, *unit_notes)
 
 
 def _field(header: Mapping[str, Any], name: str) -> list[Any]:

@@ -16,18 +16,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import ReadError, Steps
+from ...core import ReadError
 from ...core.volume import ValueKind
 from ..file_formats import natural_key
 from ..geometry import AXIAL, taken_as_axial, turned_notes
 from ..labels.colors import RGB
 from ..labels.label_map import clean_name
 from ..length_units import in_mm
-from ..optional_imports import imported_steps
 from ..result import RawValues, ReadRequest, Series, VolumeSource
 from .zarr_array import ArrayHeader, ZarrSlices, array_header, listed, missing_note, read_json
 
-REMEDY = "install it by `pip install ctmc-addon[zarr]`"
 VERSIONS = ("0.4", "0.5")
 MOST_LEVELS, MOST_CHANNELS = 64, 1000
 MOST_NAMED = 5  # A message names at most this many.
@@ -92,8 +90,8 @@ class _OmeZarr(VolumeSource):
         word = "" if series is None else str(series).strip()
         return next((line for line in self.series if word in ("", str(line.number))), None)
 
-    def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
-        """Read the values of one level, time and channel."""
+    def raw_values(self, request: ReadRequest) -> RawValues:
+        """Return the values of one level, time and channel."""
         channel = self.selected_series(request.series)
         if channel is None:
             raise ReadError(
@@ -119,7 +117,6 @@ class _OmeZarr(VolumeSource):
         names, colors = _label_facts(self.image.labels or {})
         kind = None if self.image.labels is None else ValueKind.LABEL
         return RawValues(reader, affine, (*self.image.notes, *notes), kind, names, colors, directions=AXIAL)
-        yield  # the values are read where they are wanted
 
     @property
     def _channel_axis(self) -> int | None:
@@ -134,21 +131,20 @@ class _OmeZarr(VolumeSource):
         space = self.image.space[::-1]
         words = [self.image.axes[axis].get("unit") for axis in space]
         units = ["" if word is None else str(word).strip() for word in words]
-        lengths_mm, said = in_mm(units)
+        lengths_mm, unit_notes = in_mm(units)
         affine = np.eye(4)
         affine[:3, :3] = AXIAL * lengths[list(space)] * lengths_mm
         affine[:3, 3] = AXIAL.diagonal() * shifts[list(space)] * lengths_mm + 0.0
         notes = [taken_as_axial(self.format), *turned_notes("scales", lengths[list(space)])]
         if "" in units:
             notes.append("the file's axes have no unit: taken as mm; give the spacing in mm for another")
-        return affine, [*notes, *said]
+        return affine, [*notes, *unit_notes]
 
 
-def open_steps(path: Path) -> Steps[_OmeZarr]:
+def open_source(path: Path) -> _OmeZarr:
     """Read the metadata of an image or of labels, and of all its resolutions."""
     if not path.is_dir():
         raise ReadError(f"{path.name} is a file, and an OME-Zarr is a folder; unpack it, and choose the folder")
-    yield from imported_steps("zarr", "zarr", "OME-Zarr", REMEDY)
     folder = image_folder(path)
     about = _ome_of(folder)
     image = _multiscale(folder, about, path.name)
@@ -251,7 +247,7 @@ def _multiscale(folder: Path, about: Mapping[str, Any], name: str) -> _Multiscal
     labels = labels if isinstance(labels, dict) else {} if folder.parent.name == "labels" else None
     notes = (f"{len(images) - 1} further images of the group left out",) if len(images) > 1 else ()
     image = _Multiscale(axes, levels, transforms, labels, notes)
-    _check_axes(image, name)
+    _check_axes(image)
     return image
 
 
@@ -263,7 +259,7 @@ def _version_by_axes(multiscales: Mapping[str, Any]) -> str:
     return "0.3" if axes and all(isinstance(axis, str) for axis in axes) else VERSIONS[0]
 
 
-def _check_axes(image: _Multiscale, name: str) -> None:
+def _check_axes(image: _Multiscale) -> None:
     """Refuse what is not a volume at times and of channels."""
     space = set(image.space)
     handled_axes = space | {image.axis("time", "t"), image.axis("channel", "c")}

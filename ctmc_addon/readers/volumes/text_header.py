@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 
 from ...core import ReadError
 
-MOST_HEADER = 1 << 20  # bytes
+MOST_HEADER = 1 << 20  # Read at most this many bytes of header.
 
 
 def numbers(fields: Mapping[str, str], keys: Sequence[str], count: int, name: str) -> list[float] | None:

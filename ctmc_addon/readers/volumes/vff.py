@@ -15,7 +15,7 @@ import numpy as np
 
 from ...core import ReadError, Steps
 from ..result import RawValues, ReadRequest, Series, VolumeSource
-from ..stored_slices import RawSlices
+from ..streams.stored_slices import RawSlices
 from ..value_kind import scaled_steps
 from .nrrd import header_text
 from .text_header import MOST_HEADER, numbers, volume_size, whole
@@ -61,10 +61,9 @@ class _VffFile(VolumeSource):
         return RawValues(values, None, notes, spacing=_spacing_of_fields(self.fields, name))
 
 
-def open_steps(path: Path) -> Steps[_VffFile]:
+def open_source(path: Path) -> _VffFile:
     """Open the file."""
     return _VffFile(path)
-    yield  # its header is short
 
 
 def read_header(path: Path) -> tuple[dict[str, str], int]:

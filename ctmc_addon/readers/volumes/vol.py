@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...core import PAUSE, ReadError, Steps
+from ...core import ReadError
 from ..file_formats import companion_text
 from ..length_units import in_mm
 from ..result import RawValues, ReadRequest, Series, VolumeSource
-from ..stored_slices import RawSlices
+from ..streams.stored_slices import RawSlices
 from .nrrd import header_text, inner_path, open_data_file
 from .text_header import MOST_HEADER, numbers, volume_size, whole
 
@@ -70,19 +70,17 @@ class _VolFile(VolumeSource):
         series = Series(1, "", slices, (columns, rows), "", flat.dtype.newbyteorder("=").name)
         super().__init__(path, (series,), [path, flat.path])
 
-    def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
-        """Read the values."""
+    def raw_values(self, request: ReadRequest) -> RawValues:
+        """Return the values."""
         del request
-        yield PAUSE
         flat = self.flat
         stored = RawSlices(flat.path, flat.start, flat.size[::-1], flat.dtype)
         return RawValues(stored, None, flat.notes, spacing=flat.spacing)
 
 
-def open_steps(path: Path) -> Steps[_VolFile]:
+def open_source(path: Path) -> _VolFile:
     """Open a text, or the text beside values."""
     return _VolFile(companion_text(path) or path)
-    yield  # a text is short
 
 
 def read_text(path: Path) -> str:

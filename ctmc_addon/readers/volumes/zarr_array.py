@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from ...core import NO_THREAD, ReadError, Step, Steps, require_memory
 from ...core.volume import SliceReader, as_slice
 from ..optional_imports import needed, quiet, reason
-from ..packed_size import bytes_to_look_at, unpacks_beyond
+from ..streams.packed_size import bytes_to_look_at, unpacks_beyond
 
 MOST_JSON = 1 << 24  # Bytes of one metadata file.
 MOST_AXES = 8
@@ -173,7 +173,7 @@ def missing_note(header: ArrayHeader, fill: Any) -> list[str]:
     if count >= header.grid:
         return []
     missing = f"{header.grid - count} of {header.grid} chunks are not in the store"
-    return [f"{missing}: they have its fill value {float(fill or 0):g}, as Zarr means it"]
+    return [f"{missing}: they have its fill value {float(fill or 0):g}"]
 
 
 def _chunk_files(folder: Path) -> Iterator[str]:

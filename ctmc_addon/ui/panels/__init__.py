@@ -6,6 +6,7 @@ from typing import Any
 
 def modules() -> tuple[Any, ...]:
     """Return every module that registers, in order; imported only when Blender asks."""
-    from . import draw, main, presets, structures
+    from . import draw, main, presets
+    from .surface import structures
 
     return (presets, structures, draw, main)

@@ -8,11 +8,13 @@ from typing import Any
 import bpy
 
 from ...core.volume import ValueKind
-from ..properties.structures import LABEL
-from ..state import drawings, volumes
-from ..state.tools import tool_of
+from ..operators.ct.slice_object import other_mode_text
+from ..properties.surface.structures import LABEL
+from ..state.ct import volumes
+from ..state.draw import drawings
+from ..state.draw.tools import tool_of
 from ..translations import translate
-from ..viewport.draw_tools import TOOLS
+from ..viewport.draw.draw_tools import TOOLS
 from .layout import PagePanel, begin, draw_pair, draw_status, draw_text, holds_hu, is_narrow
 
 
@@ -94,7 +96,7 @@ def _draw_edits(layout: Any, context: bpy.types.Context, drawing: Any) -> None:
     row.prop(drawing, "margin_mm", text="")
     row = draw_pair(column, context)
     row.operator("ctmc.draw_islands", text="Islands", icon="STICKY_UVS_DISABLE")
-    row.prop(drawing, "islands_ml", text="ml")
+    row.prop(drawing, "islands_mm3", text="mm3", translate=False)
     row = draw_pair(column, context)
     row.operator("ctmc.draw_islands", text="Largest Only", icon="SHADING_BBOX").largest = True
     row.operator("ctmc.draw_holes", icon="MESH_CIRCLE")
@@ -105,7 +107,9 @@ def _draw_edits(layout: Any, context: bpy.types.Context, drawing: Any) -> None:
         column.prop(drawing, "combination")
         column.prop_search(drawing, "other", settings, "labels")
         column.operator("ctmc.draw_combine", icon="SELECT_EXTEND")
-    if drawings.active(context.scene) is None:
+    if context.mode != "OBJECT":
+        draw_text(layout, context, translate(other_mode_text(context)), "INFO")
+    elif drawings.active(context.scene) is None:
         draw_text(layout, context, translate("Choose Grow and click on a slice, or draw with the brush"), "INFO")
 
 

@@ -13,8 +13,10 @@ from ...core.volume import ValueKind
 from ...reporting.formatting import in_lines, letters
 from .. import jobs
 from ..properties.limits import optional, switch
-from ..state import session, surfaces, volumes
-from ..state.surfaces import mirrored_text, scaled_text
+from ..state import session
+from ..state.ct import volumes
+from ..state.results import surfaces
+from ..state.results.surfaces import mirrored_text, scaled_text
 from ..translations import OURS, translate
 
 FONT, POINTS = 0, 11.0  # Blender's font and its size in panels at the usual scale.
@@ -174,11 +176,11 @@ def text_width(text: str) -> float:
     return float(blf.dimensions(FONT, text)[0]) or LETTER * letters(text)
 
 
-def draw_text(layout: Any, context: bpy.types.Context, text: str, icon: str = "NONE", beside: float = 0.0) -> None:
-    """Draw a sentence in as many lines as the panel's width needs, with so many pixels beside it."""
+def draw_text(layout: Any, context: bpy.types.Context, text: str, icon: str = "NONE", reserved: float = 0.0) -> None:
+    """Draw a sentence in the lines that the panel's width needs, leaving `reserved` pixels free."""
     column = layout.column(align=True)
     column.scale_y = 0.8
-    room = max(NARROWEST, width_of(context) - MARGIN - beside)
+    room = max(NARROWEST, width_of(context) - MARGIN - reserved)
     for number, line in enumerate(in_lines(text, room, text_width)):
         column.label(text=line, icon=icon if number == 0 else "NONE" if icon == "NONE" else "BLANK1", translate=False)
 

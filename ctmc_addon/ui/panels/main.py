@@ -8,14 +8,14 @@ from collections.abc import Mapping
 import bpy
 
 from ..properties.page import PAGES
-from ..state import scans
+from ..state.ct import scans
 from ..translations import translate
 from .ct.page import CTMC_PT_ct
 from .draw import CTMC_PT_draw
 from .layout import SidePanel, text_width, width_of
-from .render_page import CTMC_PT_render
-from .results import CTMC_PT_results
-from .surface import CTMC_PT_surface
+from .render.page import CTMC_PT_render
+from .results.page import CTMC_PT_results
+from .surface.page import CTMC_PT_surface
 
 STEPS = (CTMC_PT_ct, CTMC_PT_surface, CTMC_PT_draw, CTMC_PT_results, CTMC_PT_render)
 """The pages, in the order of the work."""

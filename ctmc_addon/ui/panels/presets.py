@@ -11,14 +11,14 @@ from bl_ui.utils import PresetPanel  # type: ignore[import-not-found]
 
 from ...core import SETTINGS
 from ..properties.limits import optional, switch
-from ..properties.settings import OF_ONE_VOLUME
+from ..properties.surface.settings import OF_ONE_VOLUME
 from .layout import SidePanel
 
-SHIPPED = Path(__file__).parents[1]  # Blender looks below it for presets/ctmc
+SHIPPED = Path(__file__).parents[1]  # Blender searches this folder for presets/ctmc.
 SUBFOLDER = "ctmc"
 
 
-def preset_values() -> list[str]:
+def _preset_values() -> list[str]:
     """Return the values of a preset: first the settings, which switch themselves on, then the switches."""
     names = [name for name in SETTINGS if name not in OF_ONE_VOLUME]
     return [f"settings.{name}" for name in names] + [f"settings.{switch(name)}" for name in names if optional(name)]
@@ -34,7 +34,7 @@ class CTMC_OT_preset_add(AddPresetBase, bpy.types.Operator):
     preset_menu = "CTMC_PT_presets"
     preset_subdir = SUBFOLDER
     preset_defines = ["settings = bpy.context.scene.ctmc"]  # noqa: RUF012  (Blender reads it from the class)
-    preset_values = preset_values()
+    preset_values = _preset_values()
 
 
 class CTMC_PT_presets(PresetPanel, SidePanel, bpy.types.Panel):

@@ -144,8 +144,8 @@ class CTMCDrawing(PropertyGroup):
         max=200.0,
         precision=1,
     )
-    islands_ml: decimal(
-        "Smaller [ml]", "Remove islands smaller than this", default=0.1, min=0.0, soft_max=10.0, precision=3
+    islands_mm3: decimal(
+        "Smaller [mm3]", "Remove islands smaller than this", default=100.0, min=0.0, soft_max=10_000.0, precision=3
     )
     other: text("With", "The structure to combine with")
     combination: choice(

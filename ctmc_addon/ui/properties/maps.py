@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Define the settings of the map that the active surface shows: `scene.ctmc_map`, kept with the mesh.
+"""Define the settings of the map that the active surface shows, `scene.ctmc_map`; the mesh stores them.
 
 As in settings.py, this module must not hold `bpy` itself, nor anything that does.
 """
@@ -21,8 +21,8 @@ RAMP_NAMES = tuple(RAMPS)
 
 
 def _shown(properties: Any) -> Any:
-    """Return the map shown; `maps` holds bpy and is looked up only when asked."""
-    from ..state import maps
+    """Return the shown map; `maps` imports bpy, so it is looked up when needed."""
+    from ..state.results import maps
 
     return maps.active_map(properties.id_data)
 
@@ -37,7 +37,7 @@ def _get_end(at: int) -> Callable[[Any], float]:
 
 def _set_end(at: int) -> Callable[[Any, float], None]:
     def put(properties: Any, value: float) -> None:
-        from ..state import maps
+        from ..state.results import maps
 
         maps.set_end(properties.id_data, at, as_written(value))
 
@@ -50,7 +50,7 @@ def _get_ramp(properties: Any) -> int:
 
 
 def _set_ramp(properties: Any, number: int) -> None:
-    from ..state import maps
+    from ..state.results import maps
 
     maps.change(properties.id_data, ramp=RAMP_NAMES[number])
 
@@ -66,7 +66,7 @@ def _get_limit(at: int) -> Callable[[Any], float]:
 
 def _set_limit(at: int) -> Callable[[Any, float], None]:
     def put(properties: Any, value: float) -> None:
-        from ..state import maps
+        from ..state.results import maps
 
         maps.set_limit(properties.id_data, at, as_written(value))
 
@@ -85,7 +85,7 @@ def _switch_limit(at: int) -> Callable[[Any, bool], None]:
     """Begin with a limit at the end of the colors."""
 
     def put(properties: Any, used: bool) -> None:
-        from ..state import maps
+        from ..state.results import maps
 
         maps.set_limit(properties.id_data, at, as_written(_get_limit(at)(properties)) if used else None)
 
@@ -119,7 +119,7 @@ class CTMCMap(PropertyGroup):
 
 
 def register() -> None:
-    """Give every scene the settings of the map shown."""
+    """Give every scene the settings of the shown map."""
     register_class(CTMCMap)
     Scene.ctmc_map = PointerProperty(type=CTMCMap, name="CTMC Map")
 

@@ -13,19 +13,19 @@ from ...core.volume import converted_region, labels_region
 from ..state.change_events import notify
 from .kinds import boolean, choice, decimal, decimals, integer, text
 from .limits import highest, switch
-from .threshold_choice import threshold_properties
+from .surface.threshold_choice import threshold_properties
 
 
 def current_volume(properties: Any) -> Any:
     """Return the scene's volume, in memory or in its file; `volumes` holds bpy and is looked up only when asked."""
-    from ..state import volumes
+    from ..state.ct import volumes
 
     return volumes.current_full(properties.id_data)
 
 
 def fit_region(properties: Any) -> None:
     """Put the region around the ticked labels, else around the whole CT; without a CT it stays."""
-    from ..state import structures
+    from ..state.surface import structures
 
     volume = structures.label_volume(properties.id_data) if properties.use_label else None
     volume = volume or current_volume(properties)
@@ -100,27 +100,27 @@ def _set_keep_largest(properties: Any, keeps: bool) -> None:
 
 def _get_color(properties: Any) -> Any:
     """Return the color of the active surface; bone without one."""
-    from ..state import surfaces
+    from ..state.results import surfaces
 
     return surfaces.active_color(properties.id_data)
 
 
 def _set_color(properties: Any, color: Any) -> None:
-    from ..state import surfaces
+    from ..state.results import surfaces
 
     surfaces.recolor_active(properties.id_data, tuple(color))
 
 
 def _get_opacity(properties: Any) -> float:
     """Return the opacity of the active surface; 1 without one."""
-    from ..state import surfaces
+    from ..state.results import surfaces
 
     return surfaces.active_opacity(properties.id_data)
 
 
 def set_opacity(properties: Any, opacity: float) -> None:
     """Change the opacity of the active surface."""
-    from ..state import surfaces
+    from ..state.results import surfaces
 
     surfaces.fade_active(properties.id_data, opacity)
 
@@ -130,13 +130,13 @@ DISPLAYS = ("FULL", "LIGHT")
 
 def _get_display(properties: Any) -> int:
     """Return the number of the display of the active surface."""
-    from ..state import surfaces
+    from ..state.results import surfaces
 
     return DISPLAYS.index("LIGHT" if surfaces.is_active_light(properties.id_data) else "FULL")
 
 
 def _set_display(properties: Any, number: int) -> None:
-    from ..state import surfaces
+    from ..state.results import surfaces
 
     surfaces.show_active(properties.id_data, light=DISPLAYS[number] == "LIGHT")
 
@@ -253,7 +253,7 @@ def panel_properties() -> dict[str, Any]:
             "Motion to time",
             items=[
                 ("rotate", "Rotate", "Turn about the patient's long axis"),
-                ("zoom", "Zoom", "Draw nearer and back"),
+                ("zoom", "Zoom", "Move closer and back"),
                 ("pan", "Pan", "Move sideways and back"),
             ],
         ),

@@ -11,8 +11,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import bpy
+import numpy as np
+from numpy.typing import NDArray
 
-from ...core import Reconstruction, ReconstructionSettings
+from ...core import Reconstruction, ReconstructionSettings, Volume
+from . import change_events
 
 Origin = tuple[str, ReconstructionSettings, str]
 """Key of a surface before simplification: fingerprint of its CT, settings without goal and alpha, part of a solid."""
@@ -41,6 +44,18 @@ class Session:
         Measures of all surfaces, and the kind of their CT's values.
     ticked_names : frozenset of str
         Names of the structures that were ticked in the last list, for the next one.
+    labels : (volumes and their offsets, Volume) or None
+        Label volumes of all sources, and what they were combined to.
+    box : (Volume, label values, corners) or None
+        The box (8, 3) of the labels that the panel's solid is made of, RAS+ mm.
+    active : tuple or None
+        The last active object and collection.
+    boxes : set of str
+        Fingerprints of CTs whose box was seen in the scene.
+    looked_for : tuple
+        Number of objects and the CTs when boxes were looked for.
+    written : dict of str to list
+        What the files of drawings hold, by their path.
     """
 
     message: str = ""
@@ -52,6 +67,12 @@ class Session:
     last_surface: int | None = None
     table: Any = None
     ticked_names: frozenset[str] = frozenset()
+    labels: tuple[list[tuple[Volume, int]], Volume] | None = None
+    box: tuple[Volume, tuple[int, ...], NDArray[np.float64]] | None = None
+    active: tuple[Any, ...] | None = None
+    boxes: set[str] = field(default_factory=set)
+    looked_for: tuple[Any, ...] = ()
+    written: dict[str, list[Any]] = field(default_factory=dict)
 
 
 _sessions: dict[int, Session] = {}
@@ -63,10 +84,10 @@ def of(scene: bpy.types.Scene) -> Session:
 
 
 def drop_surfaces(fingerprint: str) -> None:
-    """Release the surfaces before simplification of a CT that is no longer in memory, and what was counted for it."""
+    """Release surfaces before simplification of a CT that is no longer in memory, its labels, and its cost."""
     for scene_session in _sessions.values():
         scene_session.full = {key: full for key, full in scene_session.full.items() if key[0] != fingerprint}
-        scene_session.cost = None
+        scene_session.cost = scene_session.labels = scene_session.box = None
 
 
 def scene_of(uid: int) -> bpy.types.Scene | None:
@@ -114,12 +135,4 @@ def clear(*_: Any) -> None:
     _sessions.clear()
 
 
-def register() -> None:
-    """Subscribe to the loading of another file."""
-    bpy.app.handlers.load_pre.append(bpy.app.handlers.persistent(clear))
-
-
-def unregister() -> None:
-    """Stop listening, and clear."""
-    bpy.app.handlers.load_pre.remove(clear)
-    _sessions.clear()
+register, unregister = change_events.following(load_pre=clear, at_end=clear)

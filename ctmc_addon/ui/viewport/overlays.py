@@ -30,12 +30,15 @@ from ...core.volume import (
     windowed,
     with_labels,
 )
+from ..properties.ct.view import window_and_level
 from ..properties.preferences import machine
-from ..properties.structures import LABEL, THRESHOLD
-from ..properties.view import window_and_level
-from ..state import structures, volumes
-from ..state.tools import tool_of
-from . import drawn, live, maps, solid
+from ..properties.surface.structures import LABEL, THRESHOLD
+from ..state.ct import volumes
+from ..state.draw.tools import tool_of
+from ..state.surface import structures
+from .draw import drawn
+from .results import maps
+from .surface import live, solid
 
 REGION_COLOR = (1.0, 0.75, 0.1, 0.9)
 VOLUME_COLOR = (1.0, 1.0, 1.0, 0.18)

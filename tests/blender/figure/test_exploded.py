@@ -87,7 +87,7 @@ def test_the_scale_of_the_page_holds_for_the_gap(halves, scene, tmp_path):
 def test_a_wall_that_two_labels_share_is_seen_on_both_sides(halves, scene):
     # Beside each other, a transparent surface loses the wall that lies on an opaque one; apart it keeps it.
     def faces(mm):
-        shown = shown_surfaces(halves, scene, FRONT, chosen=[0.5, 1.0], explode=mm)
+        shown = shown_surfaces(halves, scene, FRONT, opacities=[0.5, 1.0], explode=mm)
         figure = finish(compose_steps([Cell(shown)], Page(), FRONT, scene))
         return len(figure.copies[0][0].data.polygons)
 

@@ -5,9 +5,9 @@ import nibabel
 import numpy as np
 import pytest
 
-from ctmc_addon.cli.arguments import with_flags
 from ctmc_addon.cli.batch.cases import collect, values_of
 from ctmc_addon.cli.batch.command import need_of
+from ctmc_addon.cli.flags.arguments import with_flags
 from ctmc_addon.core import ReconstructionSettings
 from ctmc_addon.core.errors import CtmcError
 from ctmc_addon.core.planning.case_plan import (

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from shapes import distance_mm
 
-from ctmc_addon.cli import scheduler
+from ctmc_addon.cli.machine import scheduler
 
 ROOT = Path(__file__).resolve().parents[3]
 pytestmark = [pytest.mark.usefixtures("scene"), pytest.mark.once]

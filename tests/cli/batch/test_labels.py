@@ -12,7 +12,7 @@ from batches import page_content, summary
 
 
 def test_each_label_of_lits_is_said_to_be_from_the_segmentation(ctmc, phantom_folder, tmp_path):
-    words = ("--label", 1, 2, "--no-thumbnails")
+    words = ("--label", 1, 2, "--no-thumbnails", "--jobs", 1)
     done = ctmc("batch", phantom_folder / "volume-4.nii.gz", "-o", tmp_path / "out", *words)
     assert done.code == 0, done.errors
     for label in (1, 2):
@@ -53,7 +53,7 @@ def spoken(done):
 
 
 def test_labels_beside_a_ct_that_are_not_asked_for_are_said_before_and_after_the_work(ctmc, phantom_folder, tmp_path):
-    words = ("batch", phantom_folder, "--no-thumbnails")
+    words = ("batch", phantom_folder, "--no-thumbnails", "--jobs", 1)
     done = ctmc(*words, "-o", tmp_path / "otsu")
     said = f"labels found beside 1 of 1 case, such as segmentation-4.nii.gz, but not used: {REMEDY}"
     assert [words for words in spoken(done) if words.startswith("labels")] == [said] * 2
@@ -64,7 +64,7 @@ def test_labels_beside_a_ct_that_are_not_asked_for_are_said_before_and_after_the
 def test_label_files_alone_whose_labels_become_one_surface_are_said(ctmc, phantom_folder, tmp_path):
     for number in (1, 2):
         shutil.copy(phantom_folder / "segmentation-4.nii.gz", tmp_path / f"segmentation-{number}.nii.gz")
-    words = ("batch", tmp_path, "--no-thumbnails")
+    words = ("batch", tmp_path, "--no-thumbnails", "--jobs", 1)
     done = ctmc(*words, "-o", tmp_path / "otsu")
     assert done.code == 0
     assert f"labels in 2 of 2 cases became one surface, such as that of segmentation-1: {REMEDY}" in spoken(done)
@@ -82,7 +82,7 @@ def test_the_hu_of_several_labels_in_a_row_stand_in_the_table_of_labels(ctmc, tm
         for name, values in (("volume", hu), ("segmentation", some)):
             nibabel.save(nibabel.Nifti1Image(values, np.eye(4)), tmp_path / f"{name}-{number}.nii")
     out = tmp_path / "out"
-    assert ctmc("batch", tmp_path, "-o", out, "--label", "all", "--hu", "--no-thumbnails").code == 0
+    assert ctmc("batch", tmp_path, "-o", out, "--label", "all", "--hu", "--no-thumbnails", "--jobs", 1).code == 0
     with (out / "labels.csv").open(encoding="utf-8", newline="") as stream:
         rows = [[row[key] for key in ("case", "label", "mean_hu", "sd_hu")] for row in csv.DictReader(stream)]
     assert rows[:2] == [["volume-3", "1", "40.0", "0.0"], ["volume-3", "7", "100.0", "10.0"]]

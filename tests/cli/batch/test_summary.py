@@ -16,7 +16,7 @@ from ctmc_addon.cli.batch import command, process
 from ctmc_addon.cli.batch.summary import SummaryRow, write_summary
 from ctmc_addon.cli.batch.summary.outliers import mark_outliers
 from ctmc_addon.cli.batch.summary.page import bins_of, histogram, html_text
-from ctmc_addon.core.measures import MEASURES, Place, measures_in
+from ctmc_addon.core.measures.measures import MEASURES, Place, measures_in
 
 
 def row(case, volume_mm3=1e6, **more):

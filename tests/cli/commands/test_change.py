@@ -183,12 +183,12 @@ def test_a_batch_of_pairs_writes_a_table_for_each_and_one_of_all_and_resumes(ctm
     before = {path: path.stat().st_mtime_ns for path in out.rglob("*.json")}
     assert "is not empty" in ctmc("batch", "--pairs", manifest, "-o", out).errors[0]
     (out / "p02" / "change.csv").unlink()
-    again = ctmc("batch", "--pairs", manifest, "-o", out, "--resume")
+    again = ctmc("batch", "--pairs", manifest, "-o", out, "--resume", "--jobs", 1)
     assert (again.code, again.errors) == (0, [])
     assert "2 done before" in again.out
     assert {path.name for path, time in before.items() if path.stat().st_mtime_ns != time} == {"p02.json"}
     assert rows_of(out / "changes.csv") == rows
-    other = ctmc("batch", "--pairs", manifest, "-o", out, "--resume", "--change-percent", 300)
+    other = ctmc("batch", "--pairs", manifest, "-o", out, "--resume", "--jobs", 1, "--change-percent", 300)
     assert "done before" not in other.out
     assert json.loads((out / "p01.json").read_text("utf-8"))["rows"][0]["status"] == "stable"
 
@@ -198,7 +198,7 @@ def test_a_pair_that_fails_is_in_the_table_and_the_others_are_compared(ctmc, pai
     own, other = pair / "before.nii.gz", pair / "after.nii.gz"
     lines = ["case,before,after,label", f"a,{own},broken.nii.gz,2", f"b,{own},{other},2"]
     (tmp_path / "pairs.csv").write_text("\n".join(lines), "utf-8")
-    done = ctmc("batch", "--pairs", tmp_path / "pairs.csv", "-o", tmp_path / "out")
+    done = ctmc("batch", "--pairs", tmp_path / "pairs.csv", "-o", tmp_path / "out", "--jobs", 1)
     assert done.code == 1
     assert done.errors[-1] == "ctmc: 1 of 2 pairs failed: a"
     rows = rows_of(tmp_path / "out" / "changes.csv")

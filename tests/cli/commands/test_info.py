@@ -81,7 +81,9 @@ def test_json_has_the_same_facts_for_programs(ctmc, phantom_folder):
 def test_it_says_where_the_volume_lies(ctmc, tmp_path):
     affine = np.array([[-0.5, 0, 0, 100], [0, -0.5, 0, 0], [0, 0, 3, -40], [0, 0, 0, 1]])
     nibabel.save(nibabel.Nifti1Image(np.zeros((11, 21, 5), np.int16), affine), tmp_path / "ct.nii")
-    assert "place        x 95 to 100, y -10 to 0, z -40 to -28 mm" in facts(ctmc("info", tmp_path / "ct.nii"))
+    assert "place        x 95 to 100, y -10 to 0, z -40 to -28 (RAS+ mm, centers of the outermost samples)" in facts(
+        ctmc("info", tmp_path / "ct.nii")
+    )
     said = json.loads(facts(ctmc("info", tmp_path / "ct.nii", "--json")))
     assert said["place_ras_mm"] == [95, -10, -40, 100, 0, -28]  # in the order of --region
 

@@ -94,7 +94,7 @@ def test_voxels_beyond_the_dose_are_said(ctmc, case, tmp_path):
     nibabel.save(nibabel.Nifti1Image(labels.T, affine), tmp_path / "high.nii")
     done = ctmc("measure", tmp_path / "high.nii", "--label", "all", "--ct", folder / "rd.dcm")
     assert done.code == 0, done.errors
-    assert "voxels of label 1 lie beyond the values" in done.out.lower()
+    assert "voxels of label 1 lie outside the grid of the values" in done.out.lower()
 
 
 def test_info_describes_a_dose_and_a_pet_and_finds_them_beside_a_ct(ctmc, case):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ctmc_addon import core
-from ctmc_addon.core.reconstruction import Reconstruction
+from ctmc_addon.core.measures.reconstruction import Reconstruction
 
 ROOT = Path(__file__).resolve().parents[3]
 pytestmark = pytest.mark.usefixtures("scene")
@@ -177,13 +177,13 @@ def test_wrong_usage_has_exit_code_2(ctmc, words):
 
 
 @pytest.mark.once
-@pytest.mark.parametrize("there", [False, True])
 @pytest.mark.parametrize(
-    "fails",
+    ("fails", "there"),
     [
-        "core.files.mesh_files.write_mesh",
-        "blender.figure.rendering.render.render_figure_steps",
-        "cli.outputs.write_json",
+        ("core.files.mesh_files.write_mesh", True),
+        ("blender.figure.rendering.render.render_figure_steps", True),
+        ("cli.outputs.write_json", True),
+        ("cli.outputs.write_json", False),
     ],
 )
 def test_when_one_output_fails_none_is_left(ctmc, phantom_folder, small_pictures, tmp_path, monkeypatch, fails, there):

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import sys
 from types import ModuleType
 
@@ -13,7 +14,6 @@ import numpy as np
 import pytest
 
 from ctmc_addon import readers
-from ctmc_addon.core.files import label_files
 
 AFFINE = np.array([[-2.0, 0.0, 0.0, 40.0], [0.0, -2.0, 0.0, 30.0], [0.0, 0.0, 3.0, -12.0], [0.0, 0.0, 0.0, 1.0]])
 SHAPE = (12, 30, 40)  # x from 40 to -38 mm, y from 30 to -28, z from -12 to 21
@@ -246,7 +246,7 @@ def test_a_full_disk_is_one_sentence(refused, ct, tmp_path, monkeypatch):
     def full(*_args, **_kwargs):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(label_files, "_extent", full)
+    monkeypatch.setattr(os, "fsync", full)
     sentence = refused("segment", ct, "-o", tmp_path / "l.seg.nrrd", "--seed", "liver", 20, 0, 3)
     assert sentence.endswith("l.seg.nrrd cannot be written: the disk is full; free some space or choose another disk")
     assert list(tmp_path.iterdir()) == []

@@ -4,8 +4,8 @@ import json
 import pytest
 
 from ctmc_addon.blender.figure.spec import Comparison, FigureStyle
-from ctmc_addon.cli.arguments import overridden, reading_of, tables
 from ctmc_addon.cli.figure.common import style_of, values_of
+from ctmc_addon.cli.flags.arguments import overridden, reading_of, tables
 from ctmc_addon.cli.program import parser
 from ctmc_addon.core import ReconstructionSettings
 from ctmc_addon.core.settings import SETTINGS

@@ -20,7 +20,7 @@ from ctmc_addon.core import (
     plan_steps,
     reconstruct,
 )
-from ctmc_addon.core.extraction import grid, scan
+from ctmc_addon.core.extraction import field_pieces, grid, scan
 from ctmc_addon.core.extraction.field_pieces import FieldSlabs, surface_pieces_steps
 from ctmc_addon.core.mesh.triangle_mesh import blend
 from ctmc_addon.core.phantom import foam
@@ -277,3 +277,18 @@ def test_bone_of_a_real_abdomen_has_the_bytes_of_the_values_in_memory(monkeypatc
     volume = read_volume(path, region=(0, 0, 40, 511, 511, 80))
     settings = ReconstructionSettings(threshold=200, **extra)
     assert outcome(in_file(volume), settings, Budget(slab_bytes=1 << 20)) == outcome(volume, settings, Budget())
+
+
+def test_slices_are_joined_some_at_a_time(monkeypatch):
+    values = np.arange(9 * 4 * 5, dtype=np.float32).reshape(9, 4, 5)
+    monkeypatch.setattr(field_pieces, "COPIED_BYTES", 2 * 4 * 5 * 4)  # two slices
+    steps = field_pieces._joined_steps(values[:2], values[2:])
+    pauses = 0
+    try:
+        while True:
+            next(steps)
+            pauses += 1
+    except StopIteration as done:
+        joined = done.value
+    assert pauses == 4
+    assert joined.tobytes() == values.tobytes()

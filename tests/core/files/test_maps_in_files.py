@@ -7,6 +7,7 @@ import base64
 import csv
 import html
 import json
+import os
 import re
 import struct
 import zipfile
@@ -19,7 +20,7 @@ import pytest
 from meshes import icosphere
 
 from ctmc_addon.core import OutputError, Structure, TriangleMesh, write_structures
-from ctmc_addon.core.files import map_table, mesh_files
+from ctmc_addon.core.files import mesh_files
 from ctmc_addon.core.files.map_table import write_map_table
 from ctmc_addon.core.files.structures.packed import LEVELS, packed_values
 from ctmc_addon.core.files.structures.structure import as_structures
@@ -317,7 +318,7 @@ def test_a_table_of_several_structures_names_them_and_has_every_map(ball, tmp_pa
 
 def test_a_table_that_fails_leaves_the_older_file(ball, tmp_path, monkeypatch):
     (tmp_path / "a.csv").write_bytes(b"older")
-    monkeypatch.setattr(map_table, "_text", lambda rows, prefix: (_ for _ in ()).throw(OSError(28, "No space left")))
+    monkeypatch.setattr(os, "fsync", lambda _: (_ for _ in ()).throw(OSError(28, "No space left")))
     with pytest.raises(OutputError, match="the disk is full"):
         write_map_table(tmp_path / "a.csv", [ball])
     assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("a.csv", b"older")]

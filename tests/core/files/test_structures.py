@@ -29,7 +29,7 @@ from ctmc_addon.core import (
     write_structures,
 )
 from ctmc_addon.core.files.structures.packed import packed
-from ctmc_addon.core.units import volume_text
+from ctmc_addon.core.measures.units import volume_text
 from ctmc_addon.core.volume import linear
 
 SUFFIXES = (".obj", ".glb", ".3mf", ".html")
@@ -360,13 +360,18 @@ def test_other_suffixes_are_refused(structures, tmp_path):
 def test_the_command_line_writes_all_of_them_without_blender(tmp_path):
     np.save(tmp_path / "seg.npy", boxes().values)
     (tmp_path / "seg.ctbl").write_text("1 liver 255 0 55 255\n", "utf-8")
-    program = "import sys; sys.modules['bpy'] = None; from ctmc_addon.cli import main; sys.exit(main(sys.argv[1:]))"
     root = Path(__file__).resolve().parents[3]
-    for suffix in SUFFIXES:
-        words = ["reconstruct", "seg.npy", "--spacing", "1", "1", "2", "--label", "all", "-o", f"p{suffix}", "--quiet"]
-        command = [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(root)!r}); {program}", *words]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120)
-        assert (done.returncode, done.stderr) == (0, "")
+    words = ["reconstruct", "seg.npy", "--spacing", "1", "1", "2", "--label", "all", "--quiet", "-o"]
+    program = f"""
+import sys
+sys.path.insert(0, {str(root)!r})
+sys.modules['bpy'] = None
+from ctmc_addon.cli import main
+sys.exit(any(main([*{words}, 'p' + suffix]) for suffix in {SUFFIXES}))
+"""
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120)
+    assert (done.returncode, done.stderr) == (0, "")
     assert [name for name, *_ in read_glb(tmp_path / "p.glb")] == ["liver", "label 2", "label 3", "label 4"]
     assert next(color for *_, color in read_3mf(tmp_path / "p.3mf")[1]) == "#FF003799"
     assert [name for name, *_ in read_obj(tmp_path / "p.obj")] == ["liver", "label_2", "label_3", "label_4"]

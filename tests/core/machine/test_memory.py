@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What memory there is: the machine's, the control group's, the process's, whichever is least."""
 
-import math
 import sys
 from types import SimpleNamespace
 
@@ -151,8 +150,9 @@ def test_memory_that_the_system_refuses_is_a_sentence_with_the_bytes_asked_for()
 
 def test_the_system_is_asked_for_its_memory_now_and_then(monkeypatch):
     asked = []
-    monkeypatch.setattr(memory, "_available", lambda: asked.append(1) or len(asked))
-    monkeypatch.setattr(memory, "_seen", (-math.inf, None))
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr(memory, "linux_available", lambda _: asked.append(1) or len(asked))
+    memory.look_again()
     monkeypatch.setattr(memory.time, "monotonic", iter([1.0, 1.0 + memory.LOOK_AGAIN / 2, 2.0]).__next__)
     assert [memory.available_bytes() for _ in range(3)] == [1, 1, 2]
 

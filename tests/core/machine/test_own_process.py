@@ -11,12 +11,12 @@ from ctmc_addon.core.machine.own_process import BOOT, PACKAGE, how_it_ended
 
 FATAL = "Fatal Python error: Aborted\n\nThread 0x1:\n\nExtension modules: numpy (total: 1)\n"
 ECHOES = """
-from ctmc_addon.core.machine.own_process import own_output, requests, say
+from ctmc_addon.core.machine.own_process import own_output, requests, send
 def serve():
     output = own_output()
     print("chatter", flush=True)
     for request in requests():
-        say(output, bytes([request["value"]]) * request["count"])
+        send(output, bytes([request["value"]]) * request["count"])
 """
 LISTENS = """
 import threading, time

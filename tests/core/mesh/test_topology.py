@@ -10,7 +10,7 @@ from ctmc_addon.core.mesh.topology import (
     compacted,
     component_numbers_steps,
     component_roots_steps,
-    edge_counts_steps,
+    edge_ends,
     edge_keys_steps,
     edges_steps,
     keys_of_edges_steps,
@@ -60,8 +60,9 @@ def test_edges_found_bucket_by_bucket_are_those_found_at_once(monkeypatch, bucke
 
 def test_of_every_edge_the_triangles_are_counted_and_those_that_run_up_it():
     faces = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]], np.int32)
-    edges, count, upwards = finish(edge_counts_steps(faces, 5))
-    assert edges.T.tolist() == [[0, 1], [0, 2], [0, 3], [0, 4], [1, 2], [1, 3], [1, 4]]
+    keys, irregular, (count, upwards) = finish(edge_keys_steps(faces, 5))
+    assert irregular.tolist() == list(range(7))
+    assert edge_ends(keys).T.tolist() == [[0, 1], [0, 2], [0, 3], [0, 4], [1, 2], [1, 3], [1, 4]]
     assert count.tolist() == [3, 1, 1, 1, 1, 1, 1]
     assert upwards.tolist() == [2, 0, 1, 0, 1, 0, 1]
 

@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import pytest
 
 from ctmc_addon.core import CostEstimate, ReconstructionSettings
+from ctmc_addon.core.measures.reconstruction import Stage
 from ctmc_addon.core.planning import rates
 from ctmc_addon.core.planning.rates import Calibration
-from ctmc_addon.core.reconstruction import Stage
 
 
 def counted(faces=100_000, left=None, preparing=2.0, counting=0.5, **settings):
@@ -57,7 +57,7 @@ def test_another_program_that_delays_a_count_or_an_extraction_changes_no_speed(m
     ("estimates", "stages"),
     [
         ([counted(threshold=100.0)], ["Extracting the surface"]),
-        ([counted(threshold=100.0, min_part_mm3=5.0)], ["Extracting the surface", "Keeping components"]),
+        ([counted(threshold=100.0, min_part_mm3=5.0)], ["Extracting the surface", "Selecting components"]),
         ([counted(label=1, reduction=0.9, left=10_000)], ["Preparing values", "Simplifying"]),
         ([counted(label=label, interfaces="separate") for label in (1, 2, 3)], ["Preparing values"]),
         (
@@ -80,12 +80,12 @@ def test_the_next_prediction_of_the_same_surfaces_is_the_time_they_took(estimate
 
 def test_a_stage_follows_its_own_work():
     calibration, small = work(), counted(100_000, preparing=0.0, counting=0.0, threshold=100.0, min_part_mm3=5.0)
-    took = made(("Extracting the surface", 1.0), ("Keeping components", 4.0))
+    took = made(("Extracting the surface", 1.0), ("Selecting components", 4.0))
     calibration.learn([small], [took], measuring=2.0, adding=1.0, seconds=8.0)
     large = counted(300_000, preparing=0.0, counting=0.0, threshold=100.0, min_part_mm3=5.0)
     found = calibration.stage_seconds([large])
     assert found["threshold", "Extracting the surface"] == pytest.approx(3.0)
-    assert found["threshold", "Keeping components"] == pytest.approx(12.0)
+    assert found["threshold", "Selecting components"] == pytest.approx(12.0)
     assert found["threshold", "Measuring"] == pytest.approx(6.0)
     assert 1.0 < found["", "Adding the surface"] < 3.0
     plain = counted(100_000, preparing=0.0, counting=0.0, threshold=100.0)
@@ -94,7 +94,7 @@ def test_a_stage_follows_its_own_work():
 
 def test_the_share_of_triangles_that_components_leave_is_learned():
     calibration, largest = work(), counted(preparing=0.0, threshold=100.0, keep_parts=1)
-    took = made(("Extracting the surface", 1.0), ("Keeping components", 1.0), full_faces=40_000)
+    took = made(("Extracting the surface", 1.0), ("Selecting components", 1.0), full_faces=40_000)
     calibration.learn([largest], [took], measuring=2.0, adding=1.0, seconds=5.0)
     assert calibration.kept == {True: 0.4, False: rates.RATIOS.kept}
     assert calibration.seconds([largest]) == pytest.approx(5.0)

@@ -357,7 +357,7 @@ def test_combining_refuses_other_shapes_and_other_words():
 def test_a_point_outside_is_refused_with_the_volume_s_box():
     volume = Volume(np.zeros((4, 5, 6)), np.diag([-2.0, 1.0, 3.0, 1.0]))
     assert sample_at(volume, (-9.9, 4.4, 0.0)) == (0, 4, 5)
-    with pytest.raises(SettingsError, match="x -10 to 0, y 0 to 4, z 0 to 9 mm"):
+    with pytest.raises(SettingsError, match="x -10 to 0 mm, y 0 to 4 mm, z 0 to 9 mm"):
         sample_at(volume, (3.0, 0.0, 0.0))
     with pytest.raises(SettingsError, match="three finite numbers"):
         sample_at(volume, (0.0, np.nan, 0.0))

@@ -231,11 +231,12 @@ def test_a_maximum_error_is_kept_both_ways_and_many_triangles_go(share):
 
 
 def test_a_looser_bound_removes_more():
-    mesh = icosphere(4, 10.0)
+    mesh = icosphere(3, 10.0)
     counts = [len(simplify(mesh, max_error=bound).faces) for bound in (0.1, 0.3, 1.0)]
     assert counts[0] > counts[1] > counts[2]
 
 
+@pytest.mark.once
 def test_a_sphere_of_voxels_loses_well_over_half_within_a_quarter_voxel():
     z, y, x = np.ogrid[-23:24, -23:24, -23:24]
     ball = marching_cubes(np.sqrt(x * x + y * y + z * z).max() - np.sqrt(x * x + y * y + z * z), 39.837 - 20)

@@ -71,7 +71,13 @@ def test_the_stages_say_how_long_writing_took(tmp_path):
         ({}, ["Preparing values", "Extracting the surface", "Writing the surface"]),
         (
             {"keep_parts": 1, "reduction": 0.5},
-            ["Preparing values", "Extracting the surface", "Keeping components", "Simplifying", "Writing the surface"],
+            [
+                "Preparing values",
+                "Extracting the surface",
+                "Selecting components",
+                "Simplifying",
+                "Writing the surface",
+            ],
         ),
     ):
         result = written(volume, ReconstructionSettings(threshold=120.0, **more), tmp_path / "a.stl")

@@ -75,7 +75,7 @@ def test_some_components_keep_their_samples_where_they_are_moved():
     values = np.random.default_rng(3).integers(0, 4, (6, 9, 10)).astype(np.uint8)
     components = finish(label_components_steps(values))
     selected = (components.label == 2) & (components.voxels < 5)
-    some = components.some(selected).moved(2, -1, 3)
+    some = components.select(selected).moved(2, -1, 3)
     z, y, x, _ = components.samples(selected)
     assert [each.tolist() for each in some.samples(np.ones(len(some.voxels), bool))[:3]] == [
         (z + 2).tolist(), (y - 1).tolist(), (x + 3).tolist()

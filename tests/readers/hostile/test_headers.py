@@ -16,7 +16,7 @@ from PIL import Image
 
 from ctmc_addon.core import CtmcError, Volume
 from ctmc_addon.readers import read_volume
-from ctmc_addon.readers.dicom.codestream import frame_damage
+from ctmc_addon.readers.dicom.pixels.codestream import frame_damage
 
 hypothesis = pytest.importorskip("hypothesis", reason="the Python package hypothesis is not installed")
 from hypothesis import HealthCheck, given, settings, strategies as st

@@ -68,7 +68,7 @@ def test_every_named_space_is_turned_to_ras(tmp_path, space):
 def test_an_unnamed_space_is_taken_as_ras_and_said(tmp_path):
     volume = read_volume(saved(tmp_path / "ct.nrrd", numbers(), {**LPS, "space": "scanner-xyz"}))
     np.testing.assert_allclose(volume.affine[:3, :3], DIRECTIONS.T)
-    assert "'scanner-xyz' names no side of the patient" in volume.notes[0]
+    assert "'scanner-xyz' does not name sides of the patient" in volume.notes[0]
 
 
 def test_spacings_without_directions_are_axial_and_said(tmp_path):

@@ -13,7 +13,9 @@ from ui.drawing import Layout, drawn
 
 import ctmc_addon
 from ctmc_addon.core.settings import SETTINGS
-from ctmc_addon.ui.panels import layout as panel_layout, main as panels, rotation, settings
+from ctmc_addon.ui.panels import layout as panel_layout, main as panels
+from ctmc_addon.ui.panels.render import rotation
+from ctmc_addon.ui.panels.surface import settings
 from ctmc_addon.ui.properties.page import PAGES
 
 KNOWN = "//ct.nii.gz"
@@ -201,7 +203,7 @@ class Nested(Layout):
 
 def test_cancel_can_be_pressed_while_a_rotation_test_locks_the_file(scene, monkeypatch):
     from ctmc_addon.ui import jobs
-    from ctmc_addon.ui.operators import rotation as rotation_test
+    from ctmc_addon.ui.operators.render import rotation as rotation_test
     from ctmc_addon.ui.state import session
 
     operator = rotation_test.CTMC_OT_rotation_test

@@ -13,6 +13,7 @@ from ui.strings_of_ours import step_strings
 from ctmc_addon.core import PRINT_MEASURES
 from ctmc_addon.ui import translations
 from ctmc_addon.ui.panels import main
+from ctmc_addon.ui.panels.results.page import NAMES, fitting
 
 TABLES = {"English": {}, **{name: translations.table(name) for name in translations.LOCALES}}
 # Of the 292 pixels that Blender gives the sidebar at first, at its usual size.
@@ -22,6 +23,8 @@ HALF = 92  # pixels beside the icon, of one of two buttons side by side
 THIRD = 72  # pixels of one of three buttons without an icon
 MEASURE = 140  # pixels for the name of a measure in the table of surfaces
 FACT = 240  # pixels of a fact of the CT
+USUAL = 292.0  # pixels of the sidebar
+USUAL_LINE = 225.0  # pixels of a line with a name and its value, without what Blender leaves beside each
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -91,3 +94,13 @@ def test_a_spacing_of_many_digits_is_not_cut(scene, ball_file):
     text = "24 x 24 x 12, 0.488 x 0.488 x 1.14 mm"
     assert text in drawn(main.CTMC_PT_ct).texts
     assert blf.dimensions(0, text.replace("24 x 24", "512 x 512"))[0] <= FACT
+
+
+@pytest.mark.parametrize("value", ["0.962 mm (95 %: 0.226)", "4.7 mm (95 %: 0.333)", "2,748 (62.5 mm3)"])
+def test_a_value_of_results_is_not_cut_beside_its_name(value):
+    room = (1 - NAMES) * USUAL_LINE
+    assert fitting([("To Full Surface", value)], 400.0) == [("To Full Surface", value)]
+    lines = fitting([("To Full Surface", value)], USUAL)
+    assert max(blf.dimensions(0, shown)[0] for _, shown in lines) <= room
+    assert [name for name, _ in lines] == ["To Full Surface", *[""] * (len(lines) - 1)]
+    assert " ".join(shown for _, shown in lines) == (value if len(lines) == 1 else value.replace("(", "").rstrip(")"))

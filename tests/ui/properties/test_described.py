@@ -10,7 +10,8 @@ bpy = pytest.importorskip("bpy")
 from ctmc_addon.blender.figure.spec import FIGURE_SETTINGS, PAGES
 from ctmc_addon.core import descriptions
 from ctmc_addon.readers import ReadingOptions
-from ctmc_addon.ui.properties import figure, reading
+from ctmc_addon.ui.properties.ct import reading
+from ctmc_addon.ui.properties.render import figure
 
 FIELDS = {name: about for kind in FIGURE_SETTINGS for name, about in descriptions(kind).items()}
 OF_THE_PANEL = {"kind", "write_blend", "use_caption", "film", "use_strides", "use_alphas", "use_levels"}

@@ -13,9 +13,11 @@ bpy = pytest.importorskip("bpy")
 
 from ui.drawing import drawn
 
-from ctmc_addon.ui.panels import main as panels, results
-from ctmc_addon.ui.state import session, volumes
-from ctmc_addon.ui.viewport import live, preview
+from ctmc_addon.ui.panels import main as panels
+from ctmc_addon.ui.panels.results import page as results
+from ctmc_addon.ui.state import session
+from ctmc_addon.ui.state.ct import stored_paths, volumes
+from ctmc_addon.ui.viewport.surface import live, preview
 
 
 @pytest.fixture
@@ -160,7 +162,7 @@ def test_save_as_to_another_folder_keeps_the_way_to_the_ct(loaded, ball_file, tm
     bpy.ops.wm.save_as_mainfile(filepath=str(target), copy=copy)
     assert Path(bpy.path.abspath(loaded.ctmc.volume_path)).resolve() == ball_file
     bpy.ops.wm.open_mainfile(filepath=str(target))
-    assert volumes.exists(bpy.context.scene.ctmc.volume_path)
+    assert stored_paths.exists(bpy.context.scene.ctmc.volume_path)
 
 
 @pytest.mark.parametrize("copy", [False, True])
@@ -220,7 +222,7 @@ def test_another_add_ons_property_of_our_name_breaks_no_panel(scene, memory):
     ],
 )
 def test_a_measurement_that_cannot_be_breaks_no_panel(loaded, bad):
-    from ctmc_addon.ui.state import measurements
+    from ctmc_addon.ui.state.results import measurements
 
     bpy.ops.ctmc.reconstruct()
     obj = active()

@@ -9,8 +9,9 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from ctmc_addon.core.volume.region import region_corners
-from ctmc_addon.ui.state import volumes
-from ctmc_addon.ui.viewport import overlays as viewport, region
+from ctmc_addon.ui.state.ct import volumes
+from ctmc_addon.ui.viewport import overlays as viewport
+from ctmc_addon.ui.viewport.surface import region
 
 
 @pytest.fixture

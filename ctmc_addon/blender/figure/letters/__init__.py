@@ -12,7 +12,7 @@ from typing import Any
 
 FILE = Path(__file__).with_name("ctmc-letters.woff2")
 CAP = 0.729  # Height of a capital letter, as a share of the em.
-EM = 1.2660  # Blender's size of letters over theirs: it takes the font's lowest to its highest outline for the size
+EM = 1.2660  # Blender's size of letters over the em, because Blender measures from the lowest to the highest outline.
 CHARACTERS = frozenset(
     chr(code)
     for codes in (
@@ -36,8 +36,8 @@ def text_curve(body: str, size: float) -> Any:
     blenders = curve.font
     curve.font, curve.font_bold = font(), blenders
     curve.body, curve.size = body, EM * size
-    for character, looks in zip(body, curve.body_format, strict=True):
-        looks.use_bold = character not in CHARACTERS
+    for character, settings in zip(body, curve.body_format, strict=True):
+        settings.use_bold = character not in CHARACTERS
     return curve
 
 

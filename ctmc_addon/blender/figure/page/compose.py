@@ -395,7 +395,7 @@ def _callouts_of(figure: FigureScene, cell: Cell, style: FigureStyle, board: Boa
     solid = [at for at, surface in enumerate(cell.surfaces) if surface.opacity == 1.0]
     callouts = []
     for at, (surface, copy) in enumerate(zip(cell.surfaces, copies, strict=True)):
-        seen = seen_at(maps, at, [other for other in solid if other != at])
+        seen = seen_at(maps, at, [occluder for occluder in solid if occluder != at])
         if surface.name:
             place = None
             if seen is not None:

@@ -25,7 +25,7 @@ from .picture import RenderRequest, pillow
 from .renderer import renderer_of, write_scene
 
 PICTURE_SAMPLES = 9
-LETTERS_PT = 4.5  # Of the bar of a map: the picture is small.
+LETTERS_PT = 4.5  # Size of letters at the bar of a map, because the picture is small.
 PICTURE_SIZE = (1200, 900)  # Size of the plain picture next to a reconstruction, pixels.
 PICTURE_DPI = 2.0 / EDGE_MM * MM_PER_INCH  # Makes triangle edges two pixels wide.
 
@@ -89,7 +89,7 @@ def render_figure_steps(
     azimuth: float = AZIMUTH,
     elevation: float = ELEVATION,
     names: Sequence[str] = (),
-    chosen: Sequence[float | None] = (),
+    opacities: Sequence[float | None] = (),
     own_process: bool = False,
     colors: ColorScale | None = None,
     explode: float = 0.0,
@@ -110,8 +110,8 @@ def render_figure_steps(
         Camera position, degrees.
     names : sequence of str
         Names of the objects, to find those that hide a tumor; by default their own.
-    chosen : sequence of float or None
-        The opacity that a person has chosen for each.
+    opacities : sequence of float or None
+        The opacity that the user has set for each object; None for none.
     own_process : bool
         Render in a Blender of its own, which closing the steps ends at any moment.
     colors : ColorScale, optional
@@ -135,7 +135,7 @@ def render_figure_steps(
         samples=None if style == "illustration" else PICTURE_SAMPLES,
         colors=colors,
     )
-    apart = shown_surfaces(objects, scene, look, names, chosen, explode=explode)
+    apart = shown_surfaces(objects, scene, look, names, opacities, explode=explode)
     shown = [replace(surface, name="") for surface in apart]
     cell = Cell(tuple(shown))
     return (yield from figure_steps([cell], path, page, look, scene=scene, own_process=own_process))

@@ -137,16 +137,16 @@ class _RenderProcess:
         while True:
             yield step
             try:
-                said = self.answers.get(timeout=TICK)
+                line = self.answers.get(timeout=TICK)
             except queue.Empty:
                 continue
-            if said is None:
+            if line is None:
                 how = ending(self.process, self.errors, remedy="make a smaller picture")
                 raise OutputError(f"the figure could not be rendered: its process {how}")
             try:
-                answer = json.loads(said)
+                answer = json.loads(line)
             except ValueError as error:
-                raise RuntimeError(f"the rendering process reported {said!r}") from error
+                raise RuntimeError(f"the rendering process reported {line!r}") from error
             if "sentence" in answer:
                 raise OutputError(answer["sentence"])
             if "defect" in answer:

@@ -20,7 +20,7 @@ from typing import Any
 
 import bpy
 
-from ....core import CtmcError, own_output, requests, say
+from ....core import CtmcError, own_output, requests, send
 from ..video import Video
 from .picture import RenderRequest
 from .renderer import MARK
@@ -47,11 +47,11 @@ def serve(blend: str) -> None:
         bpy.ops.wm.open_mainfile(filepath=blend, load_ui=False, use_scripts=False)
     except RuntimeError as error:
         why = str(error).strip().removeprefix("Error: ")
-        say(out, line({"sentence": f"the scene to render cannot be read back ({why}); choose another folder"}))
+        send(out, line({"sentence": f"the scene to render cannot be read back ({why}); choose another folder"}))
         listening.join()  # It may be removing the folder, and ends this process.
-    bpy.app.handlers.render_stats.append(lambda text, *_: say(out, line({"share": _share_of(str(text))})))
+    bpy.app.handlers.render_stats.append(lambda text, *_: send(out, line({"share": _share_of(str(text))})))
     while True:
-        say(out, line(answer(tasks.get())))
+        send(out, line(answer(tasks.get())))
 
 
 def listen(tasks: queue.SimpleQueue[dict[str, Any]], folder: Path) -> None:

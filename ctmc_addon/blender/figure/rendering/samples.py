@@ -19,7 +19,7 @@ from ..spec import FigureStyle
 
 DENOISED = 32  # Most samples of a pixel before the denoiser; they decide how smooth edges are.
 NOISE_DENOISED = 0.05  # The page and even surfaces, most of a picture, are below this noise after 16 samples.
-FIRST_LOOK = 8  # Cycles looks at every 16th sample, and not while it has this many: with 16 it would look at the 32nd
+FIRST_LOOK = 8  # Cycles tests noise at every 16th sample above this number; above 16 it would wait for the 32nd.
 SMALL_PIXELS, DENOISED_SMALL = 40_000, 12  # A picture of fewer pixels is a thumbnail, and gets fewer samples.
 NOISE = 0.02  # Noise of a pixel, as Cycles measures it, at which it stops without a denoiser.
 FEWEST, MOST = 16, 512

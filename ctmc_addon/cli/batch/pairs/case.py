@@ -11,7 +11,6 @@ from typing import Any
 
 from .... import readers
 from ....core import (
-    VERSION,
     AbsentLabelError,
     Budget,
     ChangeLimits,
@@ -22,23 +21,22 @@ from ....core import (
     peak_bytes,
     written_columns,
 )
-from ....core.files.atomic_write import create_folder, write_json, write_text
-from ...arguments import with_flags
+from ....core.files.atomic_write import create_folder, write_text
 from ...commands.change import labels_steps
 from ...commands.reconstruct import source_of
-from ..case import CHANGING_FOLDERS, NO_MEMORY, Ask, announced_budget
+from ...flags.arguments import with_flags
+from ..case import CHANGING_FOLDERS, Ask, announced_budget, require_version, write_error
 from ..files import (
     ABSENT,
     DONE,
     batch_is_over,
-    failed_record,
     identity,
     input_key,
     options_of,
     put_output,
-    record_path,
     require_batch,
     settings_of,
+    since,
     size_of,
     without_folders,
 )
@@ -51,18 +49,12 @@ def do_pair(task: Mapping[str, Any], unfinished: Path, ask: Ask | None = None) -
     start = time.perf_counter()
     [output] = task["outputs"]
     try:
-        if task["version"] != VERSION:
-            raise CtmcError(f"ctmc here is {VERSION} and the batch's is {task['version']}; install the same")
+        require_version(task)
         _compare(task, output, unfinished, ask, start)
+    except AbsentLabelError as error:
+        write_error(task, output, error, start, ABSENT, pair_key(task))
     except (CtmcError, MemoryError) as error:
-        sentence = NO_MEMORY if isinstance(error, MemoryError) else with_flags(str(error))
-        status = (ABSENT,) if isinstance(error, AbsentLabelError) else ()
-        record = failed_record(task, output, sentence, _since(start), *status)
-        if status:
-            record |= pair_key(task)
-        with CHANGING_FOLDERS:
-            if not batch_is_over(task):
-                write_json(record_path(Path(task["folder"]), output["name"]), record)
+        write_error(task, output, error, start)
 
 
 def sources_of(task: Mapping[str, Any], output: Mapping[str, Any]) -> list[Path]:
@@ -106,7 +98,7 @@ def _compare(
         **identity(task, output),
         **key,
         "run": task["run"],
-        "seconds": _since(start),
+        "seconds": since(start),
         "memory_bytes": peak_bytes(),
         "files": [name],
         "file_bytes": {name: size_of(file)},
@@ -114,7 +106,3 @@ def _compare(
     with CHANGING_FOLDERS:
         if not batch_is_over(task):
             put_output(Path(task["folder"]), output["name"], unfinished, [file], None, record)
-
-
-def _since(start: float) -> float:
-    return round(time.perf_counter() - start, 3)

@@ -15,14 +15,14 @@ from typing import Any
 from ....core import OutputError, ReconstructionSettings, SettingsError
 from ....core.files.file_names import file_key
 from ....readers import ReadingOptions, stem, suffix
-from ...arguments import UsageError, choices_of, label_for_checks, overridden
 from ...commands.change import days, require_comparison
+from ...flags.arguments import UsageError, choices_of, label_for_checks, overridden
 from ..cases import require_file_name
 from ..manifest import ManifestRow, Parse, input_of, manifest_rows
 
 COLUMNS: Mapping[str, Parse] = {"case": str, "before": str, "after": str, "days": days}
 REQUIRED = {"before": "it names each case's earlier labels", "after": "it names each case's later labels"}
-TAKEN = "changes"  # changes.csv is the combined table.
+TAKEN = "changes"  # The combined table is changes.csv.
 
 
 @dataclass(frozen=True, eq=False)

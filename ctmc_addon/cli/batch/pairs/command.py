@@ -25,10 +25,10 @@ from ....core import (
 )
 from ....core.files.atomic_write import create_folder, require_writable, write_csv
 from ....core.files.input_files import add_inputs, plan_output
-from ...arguments import UsageError, given_settings, reading_of
 from ...commands.change import limits_of
 from ...commands.reconstruct import source_of
-from ...solid_flags import given_solid
+from ...flags.arguments import UsageError, given_settings, reading_of
+from ...flags.solid import given_solid
 from ...terminal import Progress, listing, require_empty, table
 from ..cases import values_of
 from ..files import (

@@ -55,9 +55,9 @@ class SummaryRow:
         surfaces = [_with_print(surface) for surface in record.get("surfaces", ())]
         every = surfaces or [record]
         self.printed = frozenset(
-            each.name for each in PRINT_MEASURES if any(one.get(each.name) is not None for one in every)
+            each.name for each in PRINT_MEASURES if any(facts.get(each.name) is not None for facts in every)
         )
-        self.maps = {each["name"]: each["unit"] for one in every for each in one.get("maps", ())}
+        self.maps = {each["name"]: each["unit"] for facts in every for each in facts.get("maps", ())}
         kept = (*OWN_OF_LABELS, *(each.name for each in self.measures_in(Place.LABELS)))
         self.surfaces = [{name: surface.get(name) for name in kept} for surface in surfaces]
         self.values = {each.name: _of_all(each, record, surfaces) for each in self.measures_in(SHOWN)}

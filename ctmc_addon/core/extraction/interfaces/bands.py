@@ -33,7 +33,7 @@ OWN_FACES = (4, 2, 0)  # Faces at a voxel's lowest corner, with normals z, y and
 FACE_LIST = tuple({4: 3, 5: 3, 2: 4, 3: 4, 0: 5, 1: 5}[face] for face in range(6))
 FACE_EDGES = np.array(
     [[edge for edge, ends in enumerate(EDGES) if set(ends) <= set(face)] for face in FACES], np.intp
-)  # (6, 4)
+)  # Shape (6, 4).
 
 
 @dataclass(frozen=True, eq=False)

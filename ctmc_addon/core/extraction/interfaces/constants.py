@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The constants that give labels that touch the volumes of their samples, all together.
+"""Find the constants with which all labels that touch enclose the volumes of their samples.
 
 Each label's field already has the constant that keeps its volume where it is alone. Where two fields meet, the wall
 lies between the two surfaces, so both labels are a little off. What is added here moves every wall by half the

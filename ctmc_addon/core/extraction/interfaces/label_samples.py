@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...progress import PAUSE, Steps
-from ...volume.field import Field, held_steps
+from ...volume.field import ScalarField, held_steps
 from ...volume.volume import Box
 
 BRICK = 8
@@ -89,12 +89,12 @@ class LabelSamples:
         return self.number.nbytes + self.bricks.nbytes
 
 
-def _refined_slice(field: Field, slice_: int) -> int:
+def _refined_slice(field: ScalarField, slice_: int) -> int:
     """Return where a slice of a field's values lies on the common grid."""
     return field.origin[2] * field.slice_steps + slice_ - field.first_slice
 
 
-def label_samples_steps(field: Field) -> Steps[LabelSamples]:
+def label_samples_steps(field: ScalarField) -> Steps[LabelSamples]:
     """Return the field of a label without its constant parts."""
     field = yield from held_steps(field)
     (x0, x1), (y0, y1), (z0, z1) = field.window_in_values

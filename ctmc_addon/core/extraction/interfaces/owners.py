@@ -129,8 +129,8 @@ def owners_steps(
             if in_window is None:
                 continue
             where, values = in_window
-            mine, other = owner[where], following[where]
-            is_between = ((mine == first) & (other == second)) | ((mine == second) & (other == first))
+            mine, neighbor = owner[where], following[where]
+            is_between = ((mine == first) & (neighbor == second)) | ((mine == second) & (neighbor == first))
             np.copyto(mine, owner.dtype.type(first), where=is_between & (values > 0))
             np.copyto(mine, owner.dtype.type(second), where=is_between & (values <= 0))
         nobodys = best < 0 if added is None else 1 - added > best

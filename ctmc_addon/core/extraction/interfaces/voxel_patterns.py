@@ -36,7 +36,7 @@ FACE_POINT = 12  # Nodes: 12 edges of the voxel, then a point on each of 6 faces
 INNER_POINT = 18
 FACE_CORNERS = np.array(FACES)
 # Segments: two nodes, then the corners that stand for the label behind it and for the one in front.
-Segment = tuple[int, int, int, int]
+FaceSegment = tuple[int, int, int, int]
 Triangle = tuple[int, int, int]
 Fan = dict[Triangle, tuple[int, int]]  # The labels behind and in front of each triangle.
 
@@ -173,7 +173,7 @@ def _parts_that_meet(fan: Fan, center: int) -> list[tuple[int, list[Triangle]]]:
     """Return the parts of labels' borders that meet a part of the same label in the point only, small ones first."""
     parts: list[tuple[int, list[Triangle]]] = []
     for label in sorted({label for both in fan.values() for label in both}):
-        across: dict[Segment, Triangle] = {}
+        across: dict[FaceSegment, Triangle] = {}
         for triangle, (behind, front) in fan.items():
             if label in (behind, front) and center in triangle:
                 first, second = (node for node in triangle if node != center)
@@ -198,8 +198,8 @@ def _split_off(fan: Fan, label: int, own: list[Triangle], center: int, inner: li
             a, b, c = first if fan[first][0] == label else first[::-1]
             leads = (node, center) in ((a, b), (b, c), (c, a))
             walls[(node, point, center) if leads else (point, node, center)] = (beyond[first], beyond[second])
-    sides = [other for both in walls.values() for other in both]
-    if any(sides.count(other) > 2 for other in sides):
+    sides = [segment_end for both in walls.values() for segment_end in both]
+    if any(sides.count(segment_end) > 2 for segment_end in sides):
         return False
     edges = [node for node in around if node < FACE_POINT]
     of_center = inner[center - INNER_POINT]
@@ -212,8 +212,8 @@ def _split_off(fan: Fan, label: int, own: list[Triangle], center: int, inner: li
     return True
 
 
-def _face_segments(labels: list[int], face: int, first_is_larger: bool) -> Iterator[Segment]:
-    """The segments on a face; the label behind is on the left of each, seen from outside the voxel."""
+def _face_segments(labels: list[int], face: int, first_is_larger: bool) -> Iterator[FaceSegment]:
+    """Yield the segments on a face; the label behind is on the left of each, seen from outside the voxel."""
     corners = FACES[face]
     around = [labels[corner] for corner in corners]
     edges = [EDGE_BETWEEN[frozenset((corners[at - 1], corners[at]))] for at in range(4)]  # before each corner
@@ -238,19 +238,19 @@ def _face_segments(labels: list[int], face: int, first_is_larger: bool) -> Itera
             yield edges[start], edges[(end + 1) % 4], around[start], around[start - 1]
 
 
-def _groups(segments: list[Segment]) -> list[list[Segment]]:
-    """The connected groups of segments, in the order of their lowest nodes."""
+def _groups(segments: list[FaceSegment]) -> list[list[FaceSegment]]:
+    """Return the connected groups of segments, in the order of their lowest nodes."""
     joined = Groups(1 + max((node for segment in segments for node in segment[:2]), default=-1))
     for first, second, _, _ in segments:
         joined.join(first, second)
-    groups: dict[int, list[Segment]] = {}
+    groups: dict[int, list[FaceSegment]] = {}
     for segment in segments:
         groups.setdefault(joined.root(segment[0]), []).append(segment)
     return [groups[lowest] for lowest in sorted(groups)]
 
 
-def _cut_loops(group: list[Segment]) -> list[tuple[int, int, int]] | None:
-    """The triangles of a loop between two labels; None where no diagonals cut it."""
+def _cut_loops(group: list[FaceSegment]) -> list[tuple[int, int, int]] | None:
+    """Return the triangles of a loop between two labels; None where no diagonals cut it."""
     behind = group[0][2]
     following = dict((s[0], s[1]) if s[2] == behind else (s[1], s[0]) for s in group)
     (loop,) = closed_loops(following)

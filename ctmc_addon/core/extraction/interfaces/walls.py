@@ -191,7 +191,7 @@ def _between_steps(
     goes_on = np.array([(low > 0, high < size) for (low, high), size in zip((z, y, x), owners.shape, strict=True)])
     islands = []
     for label, side in ((wall.first, 1), (wall.second, -1)):
-        own_islands = small.some(small.label == label).moved(-z[0], -y[0], -x[0])
+        own_islands = small.select(small.label == label).moved(-z[0], -y[0], -x[0])
         islands.append(_around_islands(own_islands, sign * np.int8(side), goes_on, slice_steps))
         yield PAUSE
     if not wall.is_smooth and not any(len(at[0]) for at in islands):
@@ -213,7 +213,7 @@ def _between_steps(
 def islands_steps(owners: NDArray[Any]) -> Steps[LabelComponents]:
     """Return the small components of all labels, among them the islands of walls; `owners` is as for `find_walls`."""
     components = yield from label_components_steps(owners)
-    return components.some(components.voxels <= LARGEST_ISLAND)
+    return components.select(components.voxels <= LARGEST_ISLAND)
 
 
 def _around_islands(
@@ -249,7 +249,7 @@ def _around_islands(
 def _mostly_inside(
     components: LabelComponents, selected: NDArray[np.bool_], sign: NDArray[np.int8]
 ) -> NDArray[np.bool_]:
-    """Whether at least half of the outer sides of components, (components,) bool, are with samples of sign -1."""
+    """Return whether at least half of each component's outer sides, (components,) bool, have samples of sign -1."""
     z, y, x, own = components.samples(selected)
     negative, outer = np.zeros(len(selected), np.intp), np.zeros(len(selected), np.intp)
     padded = np.pad(sign, 1)

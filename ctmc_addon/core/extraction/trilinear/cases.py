@@ -70,7 +70,7 @@ def contours(case: int, connected: int) -> tuple[Loop, ...]:
 
 
 def _connected_corners(case: int, connected: int) -> list[tuple[int, int]]:
-    """The two corners that are connected across each ambiguous face, inside or outside."""
+    """Return the two corners that are connected across each ambiguous face, inside or outside."""
     pairs = []
     for number in ambiguous_faces(case):
         start = (case >> FACES[number][0] ^ connected >> number) & 1
@@ -132,7 +132,7 @@ def _sides(loop: Loop) -> Iterator[tuple[int, int]]:
 
 
 def _runs(loop: Loop) -> Iterator[tuple[Group, Group, Group]]:
-    """Every way to cut a loop into three runs of edges, in their order."""
+    """Yield every way to cut a loop into three runs of edges, in their order."""
     twice = loop + loop
     for a, b, c in combinations(range(len(loop)), 3):
         yield twice[a:b], twice[b:c], twice[c : a + len(loop)]
@@ -160,7 +160,7 @@ def band(first: Loop, second: Loop) -> Piece:
 
 
 def surface(case: int, connected: int, rims: tuple[Loop, ...] = ()) -> Piece:
-    """All triangles of a voxel, given which faces are connected and the rims of its tunnel, if it has one."""
+    """Return all triangles of a voxel, given which faces are connected and the rims of its tunnel, if it has one."""
     pieces = [disc(loop) for loop in contours(case, connected) if loop not in rims]
     if rims:
         pieces.append(band(*rims))

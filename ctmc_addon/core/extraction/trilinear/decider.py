@@ -163,7 +163,7 @@ def decide(values: NDArray[np.float64], threshold: float, case: NDArray[np.uint8
 
 
 def _connected_faces(difference: NDArray[np.float64], case: NDArray[np.intp]) -> NDArray[np.uint8]:
-    """A bit for each ambiguous face whose inside corners are connected."""
+    """Return a bit for each ambiguous face whose inside corners are connected."""
     first_connected, second_connected = np.zeros((2, len(case)), np.uint8)  # along the first diagonal, the second
     for face, (a, b, c, d) in enumerate(FACES):
         first, second = difference[a] * difference[c], difference[b] * difference[d]
@@ -210,7 +210,7 @@ def _connected_around(
     side: NDArray[np.bool_],
     decided: NDArray[np.intp],
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Whether the inside edges are connected where slices cease to be ambiguous, below and above z.
+    """Return whether the inside edges are connected where slices cease to be ambiguous, below and above z.
 
     That is at a face of the voxel, or where an edge changes sides, which connects the other two.
     """

@@ -29,7 +29,7 @@ ROUGHNESS = 0.45
 FLOAT, SHORT, INTEGER = 5126, 5123, 5125  # Component types.
 VERTICES, INDICES = 34962, 34963  # Targets of buffer views.
 NO_VALUE = float(np.finfo(np.float32).min)
-MOST_SHORT = 65535  # 16 bits number this many vertices; the last number is kept free, 3.7.2.1.
+MOST_SHORT = 65535  # Indices of 16 bits reach this many vertices; the last one is reserved, 3.7.2.1.
 
 
 def write_glb_steps(path: Path, structures: Sequence[Structure]) -> Steps[None]:
@@ -83,7 +83,7 @@ def write_glb_steps(path: Path, structures: Sequence[Structure]) -> Steps[None]:
 
 
 def _node(structure: Structure, number: int) -> dict[str, Any]:
-    """The node of a mesh, moved where an exploded view has it; rounded to a micrometer, 3.5.3."""
+    """Return the node of a mesh, moved where an exploded view has it; rounded to a micrometer, 3.5.3."""
     node = {"name": structure.name, "mesh": number}
     if not any(structure.shift):
         return node
@@ -102,7 +102,7 @@ def _y_up(vectors: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def _contents(structure: Structure) -> Iterator[NDArray[Any]]:
-    """The arrays of a structure, in the order of their accessors."""
+    """Yield the arrays of a structure, in the order of their accessors."""
     shown = structure.shown_map
     yield _positions(structure.vertices)
     yield _y_up(structure.vertex_normals())
@@ -114,12 +114,12 @@ def _contents(structure: Structure) -> Iterator[NDArray[Any]]:
 
 
 def _linear_levels() -> NDArray[np.float32]:
-    """The linear share of each sRGB level, (256,); rounded, so that no machine's power function is in the file."""
+    """Return the linear share of each sRGB level, (256,), rounded so that it does not depend on the machine."""
     return np.array([round(linear((level, level, level))[0], 5) for level in range(256)], "<f4")
 
 
 def _mesh(structure: Structure, number: int, first: int) -> dict[str, Any]:
-    """A mesh whose accessors begin at `first`, with all but the values of its maps."""
+    """Return a mesh whose accessors begin at `first`, with all but the values of its maps."""
     attributes = {"POSITION": first, "NORMAL": first + 1}
     at = first + 3
     if structure.shown_map is not None:
@@ -141,7 +141,7 @@ def _mesh(structure: Structure, number: int, first: int) -> dict[str, Any]:
 
 
 def _material(structure: Structure) -> dict[str, Any]:
-    """The material, white where a map is shown; colors are rounded, so the file is the same on every machine."""
+    """Return the material, white where a map is shown; colors are rounded, so the file is the same on every machine."""
     rgb = structure.rgb if structure.shown_map is None else (255, 255, 255)
     color = [*(round(share, 5) for share in linear(rgb)), round(structure.opacity, 5)]
     shading = {"baseColorFactor": color, "metallicFactor": 0.0, "roughnessFactor": ROUGHNESS}

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A mesh in few bytes, for a page: positions of 16 bits over the mesh's own box, numbers as small as they get.
+"""Pack a mesh into few bytes for a page: positions of 16 bits over the box of the mesh, and small numbers.
 
-Triangles go block by block, so that those beside each other are written soon after each other. Vertices go in the
-order in which the triangles name them first. A corner is then written as the number of vertices named so far less its
-own number: 0 for a new vertex, small for one that was named lately (Chun, WebGL Models: End-to-End, in OpenGL
+Triangles are sorted by block, so that neighbors are written soon after each other. Vertices are sorted by their first
+use in a triangle. A corner is then written as the number of vertices used so far less its own number: 0 for a new
+vertex, small for one that was used lately (Chun, WebGL Models: End-to-End, in OpenGL
 Insights, 2012). Positions are differences from vertex to vertex. Both are stored as planes of
 bytes, so that Deflate finds long runs of zeros. Values of a map are packed like one axis, in the order of the vertices.
 `viewer.js` reads both.
@@ -109,12 +109,12 @@ def packed_values(values: Floats) -> PackedValues:
     >>> packed_values(np.array([2, np.nan, 6], np.float32))[:2]
     (2.0, 6.103701895199438e-05)
     """
-    known = np.isfinite(values)
-    numbers = values[known].astype(np.float64)
+    finite = np.isfinite(values)
+    numbers = values[finite].astype(np.float64)
     low, high = (float(numbers.min()), float(numbers.max())) if len(numbers) else (0.0, 0.0)
     step = (high - low) / (LEVELS - 1) or 1.0
     levels = np.full(len(values), LEVELS, np.int32)
-    levels[known] = np.rint((numbers - low) / step)
+    levels[finite] = np.rint((numbers - low) / step)
     return PackedValues(low, step, zlib.compress(b"".join(_planes(_changes(levels), 2)), LEVEL))
 
 
@@ -126,19 +126,19 @@ def _changes(levels: Ints) -> Ints:
 
 
 def _planes(codes: Ints, count: int) -> list[bytes]:
-    """The lowest bytes of all codes, then the next, `count` in all."""
+    """Return the lowest bytes of all codes, then the next, `count` in all."""
     return [(codes >> (8 * place) & 255).astype(np.uint8).tobytes() for place in range(count)]
 
 
 def _usual_edge(vertices: Floats, faces: Ints) -> float:
-    """The median length of the triangles' first edges; 1 where it is 0."""
+    """Return the median length of the triangles' first edges; 1 where it is 0."""
     edges = vertices[faces[:, 1]].astype(np.float64) - vertices[faces[:, 0]]
     squares = edges[:, 0] ** 2 + edges[:, 1] ** 2 + edges[:, 2] ** 2
     return float(np.sqrt(np.median(squares))) or 1.0
 
 
 def _block_by_block(vertices: Floats, faces: Ints, edge: float) -> Ints:
-    """The triangles by the block that they are in, and in it by their lowest vertex, which they begin with, (F, 3)."""
+    """Return the triangles (F, 3) sorted by block, then by their lowest vertex, which becomes their first."""
     lowest = faces.argmin(axis=1)
     turned = np.take_along_axis(faces, (lowest[:, None] + np.arange(3)) % 3, axis=1)
     first = vertices[turned[:, 0]].astype(np.float64)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Structures as one HTML page that shows them without a network: turned, zoomed, cut, moved apart, each with eye and
-opacity.
+"""Write structures as one HTML page that shows them without a network.
+
+The page turns, zooms, cuts and moves structures apart; each has an eye and an opacity.
 
 The page holds three.js (MIT), the viewer of this folder, and every mesh and map in few bytes (`packed.py`). It may load
 nothing: its content security policy forbids it.
@@ -22,8 +23,8 @@ from ...arrays import Doubles
 from ...exploded import offsets_of, reach_of
 from ...maps.ramps import NO_VALUE, RAMPS
 from ...maps.surface_map import SurfaceMap
+from ...measures.units import volume_text
 from ...progress import Step, Steps
-from ...units import volume_text
 from .packed import Packed, PackedValues, packed, packed_values
 from .structure import Structure
 
@@ -57,7 +58,7 @@ def write_page_steps(path: Path, structures: Sequence[Structure]) -> Steps[None]
 
 
 def _exploding(structures: Sequence[Structure], offsets: Doubles) -> bytes:
-    """Return what the slider of an exploded view needs, nothing where no structure can be moved apart.
+    """Return the data for the slider of an exploded view; empty if no structure can be moved apart.
 
     `away` has the shift of each structure for 1 mm of the slider, which begins at `start` and ends at `most` mm: where
     the centers are twice as far from the middle as in the patient, or at the start if that is more.

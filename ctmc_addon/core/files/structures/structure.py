@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A surface with a name, a color and an opacity, as files hold it."""
+"""A surface with a name, a color and an opacity, to be written to a file."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ..map_names import require_values
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """A surface as a file of several holds it.
+    """A surface in a file that holds several.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class Structure:
     shown : str
         Name of the map whose colors are shown; `rgb` is shown where it is empty or no map has that name.
     shift : (x, y, z) float
-        Where an exploded view shows it, RAS+ mm from its place; the vertices stay in the patient.
+        Shift in an exploded view, RAS+ mm; the vertices keep their positions in the patient.
     """
 
     name: str
@@ -66,14 +66,14 @@ class Structure:
         return self.volume_mm3 is not None
 
     def vertex_normals(self) -> Floats:
-        """The normals, made of the triangles where there are none, (V, 3)."""
+        """Return the normals, made of the triangles where there are none, (V, 3)."""
         return vertex_normals(self.vertices, self.faces) if self.normals is None else self.normals
 
 
 def as_structures(structures: Iterable[Structure], target: str) -> list[Structure]:
-    """Return structures as a file holds them: with names on one line, all different.
+    """Return structures for a file, with different names of one line each.
 
-    Structures that have a map of one name get one range and ramp for it, so that their colors compare.
+    Maps with the same name get one range and ramp, so that their colors can be compared.
 
     Raises
     ------
@@ -101,17 +101,17 @@ def as_structures(structures: Iterable[Structure], target: str) -> list[Structur
         name = _unique(printable(structure.name) or "structure", taken)
         taken.add(file_key(name))
         out.append(replace(structure, name=name))
-    return with_common_ranges(out)
+    return _with_common_ranges(out)
 
 
-def with_common_ranges(structures: Sequence[Structure]) -> list[Structure]:
-    """Return structures whose maps of one name have one range, around all of theirs, and the ramp of the first."""
+def _with_common_ranges(structures: Sequence[Structure]) -> list[Structure]:
+    """Return structures whose maps with the same name share the widest range and the ramp of the first."""
     first: dict[str, SurfaceMap] = {}
     for each in (each for structure in structures for each in structure.maps):
-        known = first.setdefault(each.name, each)
-        low, high = min(known.range[0], each.range[0]), max(known.range[1], each.range[1])
-        if (low, high) != known.range:
-            first[each.name] = replace(known, range=(low, high))
+        seen = first.setdefault(each.name, each)
+        low, high = min(seen.range[0], each.range[0]), max(seen.range[1], each.range[1])
+        if (low, high) != seen.range:
+            first[each.name] = replace(seen, range=(low, high))
 
     def common(each: SurfaceMap) -> SurfaceMap:
         range_, ramp = first[each.name].range, first[each.name].ramp
@@ -124,7 +124,7 @@ def with_common_ranges(structures: Sequence[Structure]) -> list[Structure]:
 
 
 def _first_twice(names: Iterable[str]) -> str | None:
-    """Return the first name that comes a second time, or None."""
+    """Return the first name that is repeated, or None."""
     seen: set[str] = set()
     for name in names:
         if name in seen:
@@ -143,7 +143,7 @@ def _unique(name: str, taken: set[str]) -> str:
 
 
 def hex_color(structure: Structure) -> str:
-    """The color with its opacity as a web page writes it.
+    """Return the color with its opacity as a web page writes it.
 
     Examples
     --------

@@ -66,7 +66,7 @@ def write_3mf_steps(path: Path, structures: Sequence[Structure]) -> Steps[None]:
 
 
 def _entry(name: str) -> zipfile.ZipInfo:
-    """A file of the ZIP without a time, the same on every system."""
+    """Return a file of the ZIP without a time, the same on every system."""
     entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
     entry.compress_type, entry.create_system, entry.external_attr = zipfile.ZIP_DEFLATED, 3, 0o644 << 16
     return entry
@@ -93,7 +93,7 @@ def _group_key(structure: Structure, shown: SurfaceMap) -> tuple[str, int]:
 
 
 def _color_group(number: int, ramp: str, opacity: int) -> str:
-    """A color group: the steps of a ramp, then the color of no value."""
+    """Return a color group: the steps of a ramp, then the color of no value."""
     steps = colors_of(np.arange(COLORS, dtype=np.float32), (0.0, COLORS - 1.0), ramp)
     codes = ["{:02X}{:02X}{:02X}".format(*step) for step in steps.tolist()] + [NO_VALUE.upper()]
     colors = "".join(f'<m:color color="#{code}{opacity:02X}"/>\n' for code in codes)
@@ -101,7 +101,7 @@ def _color_group(number: int, ramp: str, opacity: int) -> str:
 
 
 def _color_numbers(shown: SurfaceMap) -> NDArray[np.int64]:
-    """The step of the ramp at each vertex, (V,); `COLORS` where there is no value."""
+    """Return the step of the ramp at each vertex, (V,); `COLORS` where there is no value."""
     low, high = shown.range
     share = np.clip((shown.values.astype(np.float64) - low) / ((high - low) or 1.0), 0.0, 1.0)
     unknown = np.isnan(share)

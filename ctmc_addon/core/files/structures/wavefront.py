@@ -54,7 +54,7 @@ def _material(structure: Structure) -> str:
 
 
 def _vertex_lines(structure: Structure) -> Iterator[bytes]:
-    """The vertices, to a hundredth of a micrometer, some thousand lines at a time; with colors of the map shown."""
+    """Yield the vertices to a hundredth of a micrometer, with colors of the shown map, thousands of lines at a time."""
     colored = structure.shown_map
     line = b"v %.5f %.5f %.5f\n" if colored is None else b"v %.5f %.5f %.5f %.4f %.4f %.4f\n"
     for part in parts_of(len(structure.vertices)):
@@ -65,7 +65,7 @@ def _vertex_lines(structure: Structure) -> Iterator[bytes]:
 
 
 def _face_lines(structure: Structure, first: int) -> Iterator[bytes]:
-    """The triangles, of vertices numbered from `first`."""
+    """Yield the triangles, of vertices numbered from `first`."""
     for part in parts_of(len(structure.faces)):
         rows = structure.faces[part].astype(int) + first
         yield (b"f %d %d %d\n" * len(rows)) % tuple(rows.ravel().tolist())

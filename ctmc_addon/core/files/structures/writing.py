@@ -77,7 +77,7 @@ def write_structures_steps(
 
 
 def _moved_apart(structures: Sequence[Structure], explode: float) -> list[Structure]:
-    """The structures with their shifts in an exploded view."""
+    """Return the structures with their shifts in an exploded view."""
     shifts = shifts_of([(structure.vertices, structure.faces) for structure in structures], explode)
     return [
         replace(structure, shift=(x, y, z)) for structure, (x, y, z) in zip(structures, shifts.tolist(), strict=True)
@@ -85,7 +85,7 @@ def _moved_apart(structures: Sequence[Structure], explode: float) -> list[Struct
 
 
 def _turned(structure: Structure) -> Structure:
-    """The structure in LPS+ mm: half a turn about z."""
+    """Return the structure in LPS+ mm: half a turn about z."""
     turn = np.array([-1, -1, 1], np.float32)
     normals = None if structure.normals is None else structure.normals * turn
     return replace(structure, vertices=structure.vertices * turn, normals=normals)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The angles of triangles: how good a surface is for simulation, and the alpha that makes it good enough."""
+"""The angles of triangles, which decide whether a surface suits simulation, and the alpha that improves them."""

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The largest alpha at which no triangle of a surface has an angle below a given one.
 
-Toward the midpoints triangles become more even and the surface less accurate, so the largest such alpha costs least. A
-triangle's smallest angle is a smooth function of alpha in pieces, and does not rise or fall all the way. So alphas are
-looked at on a grid of thousandths, with the float32 positions that the surface has there: what is chosen is what giving
-every number by hand would find.
+Toward the midpoints, triangles become more even and the surface less accurate, so the largest such alpha costs least. A
+triangle's smallest angle is a smooth function of alpha in pieces, and neither rises nor falls throughout. So alphas are
+tested on a grid of thousandths, with the float32 positions of the surface there: the result is the same as after trying
+every number by hand.
 
-A few triangles, the witnesses, rule out most alphas: of these the smallest angle at every alpha of the grid is known.
-The largest alpha that they leave is tried on the whole surface. Whatever is below there becomes a witness, until
-nothing is.
+A few triangles, the witnesses, rule out most alphas: their smallest angle is computed at every alpha of the grid. The
+largest alpha that they allow is tested on the whole surface. Triangles below the angle there become witnesses, until
+there are none.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arithmetic import tangent
+from ...measures.units import length_text
 from ...progress import PAUSE, Step, Steps, WithResult
-from ...units import length_text
 from ..pieces.completed_pieces import with_next_steps
 from ..topology import FACES_PER_STEP
 from ..triangle_mesh import Pieces, Surface, blend
 from .triangle_angles import degrees_of, doubled_areas, smallest_tangents, squared_length, squared_sides
 
 STEPS = 1000
-"""Alphas that are looked at are whole numbers divided by this."""
+"""Tested alphas are whole numbers divided by this."""
 ALPHAS_AT_ONCE = 64
 WITNESSES = 64  # Follow this many triangles over all alphas at once.
 
@@ -94,7 +94,7 @@ class AlphaChoice:
 
 
 def chosen_alpha_steps(one_pass: Callable[[], Pieces], min_angle_deg: float, most: float = 1.0) -> Steps[AlphaChoice]:
-    """Choose the largest alpha at which no triangle has a smaller angle; where none has, that with the best angle.
+    """Choose the largest alpha at which no triangle has a smaller angle; if there is none, that with the best angle.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def chosen_alpha_steps(one_pass: Callable[[], Pieces], min_angle_deg: float, mos
     min_angle_deg : float
         Degrees.
     most : float
-        Larger alphas are not looked at.
+        Larger alphas are not tested.
 
     Examples
     --------
@@ -140,7 +140,7 @@ def chosen_alpha_steps(one_pass: Callable[[], Pieces], min_angle_deg: float, mos
 def kept_alpha_steps(pass_at: Callable[[float], Pieces], min_angle_deg: float) -> Steps[AlphaChoice]:
     """Choose alpha for a surface without small components, whose choice depends on alpha too, if little.
 
-    `pass_at` an alpha gives the pieces that are kept there. What was chosen is looked at with those, until it stays.
+    `pass_at` returns the pieces that are kept at an alpha. The choice is repeated with them until it does not change.
     """
     most = 1.0
     while True:
@@ -182,9 +182,9 @@ class _Search:
 
     def __init__(self, min_angle_deg: float, most: float) -> None:
         self._limit = tangent(min_angle_deg)
-        self._tangents = np.full(round(most * STEPS) + 1, math.inf)  # of the witnesses, at every alpha
+        self._tangents = np.full(round(most * STEPS) + 1, math.inf)  # Of the witnesses, at every alpha.
         self._at = len(self._tangents) - 1
-        self._smallest = math.inf  # tangent of what was looked at since alpha has changed
+        self._smallest = math.inf  # Smallest tangent of the triangles tested at this alpha.
 
     @property
     def alpha(self) -> float:
@@ -193,17 +193,17 @@ class _Search:
 
     @property
     def smallest_angle_deg(self) -> float:
-        """The smallest angle of all triangles, once all were looked at and alpha has not changed."""
+        """The smallest angle of all triangles, valid after a pass in which alpha has not changed."""
         return degrees_of(self._smallest)
 
     def look_steps(self, piece: _Piece) -> Steps[bool]:
-        """Look at a piece until none of its triangles is below at the present alpha; whether that has changed."""
+        """Lower alpha until no triangle of a piece is below the angle; return whether alpha has changed."""
         before = self._at
         while True:
             below, smallest = yield from self._below_steps(piece)
             if not len(below):
                 break
-            while len(below):  # most of what is below here is so at the next alpha too
+            while len(below):  # Most of these are below the angle at the next alpha too.
                 self._add_witnesses(piece, below[:WITNESSES])
                 below = self._sorted_below(piece, below)
                 yield PAUSE
@@ -217,7 +217,7 @@ class _Search:
         return min(self._limit, float(self._tangents[self._at]))
 
     def _below_steps(self, piece: _Piece) -> Steps[tuple[NDArray[np.intp], float]]:
-        """The triangles of a piece that are below at the present alpha, the worst first, and the smallest tangent."""
+        """Return the triangles of a piece below the angle at this alpha, worst first, and the smallest tangent."""
         vertices = blend(piece.midpoints, piece.linear, self.alpha)
         numbers, tangents, smallest = [np.empty(0, np.intp)], [np.empty(0)], math.inf
         for start in range(0, len(piece.faces), FACES_PER_STEP):
@@ -230,14 +230,14 @@ class _Search:
         return np.concatenate(numbers)[np.argsort(np.concatenate(tangents), kind="stable")], smallest
 
     def _sorted_below(self, piece: _Piece, faces: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return the triangles of some that are below at the present alpha, the worst first."""
+        """Return those of the triangles that are below the angle at this alpha, the worst first."""
         corners = piece.faces[faces]
         tangent = _tangents_at(blend(piece.midpoints[corners], piece.linear[corners], self.alpha))
         order = np.argsort(tangent, kind="stable")
         return faces[order[tangent[order] < self._needed]]
 
     def _add_witnesses(self, piece: _Piece, faces: NDArray[np.intp]) -> None:
-        """Follow these triangles over all alphas, and go to the alpha that all witnesses leave."""
+        """Add triangles as witnesses, and set the largest alpha that all witnesses allow."""
         corners = piece.faces[faces]
         midpoints, linear = piece.midpoints[corners], piece.linear[corners]  # (w, 3, 3)
         for low in range(0, len(self._tangents), ALPHAS_AT_ONCE):

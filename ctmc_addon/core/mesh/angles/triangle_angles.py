@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How good triangles are for simulation: their smallest angle, and their radius ratio.
+"""Measure the quality of triangles for simulation: their smallest angle, and their radius ratio.
 
 Angles are compared by their tangents, which take no more than the basic operations and so have the same bits on every
 machine. A triangle without area has an angle of 0.
@@ -38,7 +38,7 @@ class TriangleQuality:
     median_radius_ratio : float
         Median over the triangles of the circumradius over twice the inradius: 1 is equilateral, larger is worse, and
         infinity has no area. It is VTK's and PyVista's `radius_ratio` (Stimpson et al. 2007, The Verdict Geometric
-        Quality Library, SAND2007-1751). Of two values in the middle the lower, rounded down by at most 0.025 %.
+        Quality Library, SAND2007-1751). The lower of two middle values counts, rounded down by at most 0.025 %.
     """
 
     smallest_angle_deg: float

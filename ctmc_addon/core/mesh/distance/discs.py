@@ -66,7 +66,7 @@ def _discs(columns: Floats, vectors: Floats, group: int, margin: np.float32) -> 
     """Return the discs of every `group` triangles, from their corners (3, 3, n) and the vectors of their areas."""
     out = np.empty((8, columns.shape[2] // group), np.float32)
     center, axis = out[:3], out[3:6]
-    # The triangles of a group stand one below the other: what is worked out runs along the groups.
+    # The triangles of a group are one below the other, so that NumPy works along the groups.
     apart = np.ascontiguousarray(columns.reshape(3, 3, -1, group).transpose(1, 0, 3, 2)).reshape(3, 3 * group, -1)
     center[:] = apart.mean(axis=1)
     axis[:] = vectors.reshape(3, -1, group).sum(axis=2)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Find the components of a full surface that another surface, made from it, no longer has.
+"""Find the components of a full surface that are missing in a surface made from it.
 
 A component of the other surface lies at the one it was made from: most of its vertices are nearest to that one's
 triangles. Components of the full surface that none was made from are lost. Cavities are components of their own.
@@ -20,14 +20,14 @@ PROBES = 16  # Look at most at this many vertices of a component.
 POINTS_AT_ONCE = 2048
 
 
-def lost_components_steps(mesh: TriangleMesh, full: TriangleMesh, tree: TriangleTree, component: Ints) -> Steps[Flags]:
+def lost_components_steps(mesh: TriangleMesh, tree: TriangleTree, component: Ints) -> Steps[Flags]:
     """Return which components of the full surface are lost in `mesh`, (components,) bool.
 
     Parameters
     ----------
-    mesh, full : TriangleMesh
+    mesh : TriangleMesh
     tree : TriangleTree
-        The triangles of `full`.
+        The triangles of the full surface.
     component : (F,) int32
         The component of each of its faces.
     """

@@ -36,14 +36,14 @@ class _Pair(NamedTuple):
 
 
 def nearest_pair_steps(
-    mesh: TriangleMesh, other: SignedSurface, distances: Doubles, nearest: Indices
+    mesh: TriangleMesh, target: SignedSurface, distances: Doubles, nearest: Indices
 ) -> Steps[tuple[Point, Point]]:
     """Return the nearest two points of two surfaces, that of `mesh` first; one point twice where they cross.
 
     Parameters
     ----------
     mesh : TriangleMesh
-    other : SignedSurface
+    target : SignedSurface
     distances, nearest : (V,) float64, (V,) int64
         Of the mesh's vertices, as `other.distances_steps` returns them.
     """
@@ -52,19 +52,19 @@ def nearest_pair_steps(
     used[mesh.faces] = True
     best = int(np.argmin(np.where(used, away, np.inf)))
     start = mesh.vertices[best].astype(np.float64)
-    foot = other.nearest_on(start[:, None], nearest[best : best + 1])[:, 0]
+    foot = target.nearest_on(start[:, None], nearest[best : best + 1])[:, 0]
     pair = _Pair(float(away[best]), start, foot)
     if pair.distance > 0:
-        pair = yield from _refined_steps(mesh, other, away, nearest, pair)
+        pair = yield from _refined_steps(mesh, target, away, nearest, pair)
     return _point(pair.first), _point(pair.second)
 
 
 def _refined_steps(
-    mesh: TriangleMesh, other: SignedSurface, away: Doubles, nearest: Indices, pair: _Pair
+    mesh: TriangleMesh, target: SignedSurface, away: Doubles, nearest: Indices, pair: _Pair
 ) -> Steps[_Pair]:
     """Return a nearer pair of points on two triangles, if there is one."""
-    tree = other.tree
-    extent = float(np.abs(mesh.vertices).max()) + float(np.abs(other.mesh.vertices[other.mesh.faces[0]]).max())
+    tree = target.tree
+    extent = float(np.abs(mesh.vertices).max()) + float(np.abs(target.mesh.vertices[target.mesh.faces[0]]).max())
     exact = extent * EXACT
     least, numbers = [np.empty(0)], [np.empty(0, np.int64)]
     for start in range(0, len(mesh.faces), FACES_PER_STEP):
@@ -90,15 +90,15 @@ def _refined_steps(
         reach = np.sqrt(np.max([dot(corner - middle, corner - middle) for corner in columns], axis=0))
         closest = np.take_along_axis(faces, away[faces].argmin(axis=1)[:, None], axis=1)[:, 0]
         at = np.ascontiguousarray(mesh.vertices[closest].astype(np.float64).T)
-        way = at - other.nearest_on(at, nearest[closest])
+        way = at - target.nearest_on(at, nearest[closest])
         length = np.sqrt(dot(way, way))
         way /= np.where(length > 0, length, 1)
         first, second = tree.within(middle, (pair.distance + reach) ** 2)
         for low in range(0, len(first), PAIRS_AT_ONCE):
-            one, two = first[low : low + PAIRS_AT_ONCE], second[low : low + PAIRS_AT_ONCE]
-            triangles = np.take(columns, one, axis=2), np.take(tree.corners, two, axis=2)
+            of_mesh, of_target = first[low : low + PAIRS_AT_ONCE], second[low : low + PAIRS_AT_ONCE]
+            triangles = np.take(columns, of_mesh, axis=2), np.take(tree.corners, of_target, axis=2)
             # A gap along any way is a bound: here along the way to the nearest point of a corner.
-            along = [[dot(np.take(way, one, axis=1), corner) for corner in corners] for corners in triangles]
+            along = [[dot(np.take(way, of_mesh, axis=1), corner) for corner in corners] for corners in triangles]
             gap = np.min(along[0], axis=0) - np.max(along[1], axis=0)
             near = np.flatnonzero(gap < pair.distance - exact)
             if len(near):
@@ -117,8 +117,8 @@ def _nearer(first: Doubles, second: Doubles, pair: _Pair) -> _Pair:
                 return _Pair(0.0, point, point)
             foot, _ = nearest_points(this[corner], *that)
             pair = _least(pair, *((foot, this[corner]) if swapped else (this[corner], foot)))
-    for one, two in np.ndindex(3, 3):
-        ends = first[one], first[(one + 1) % 3], second[two], second[(two + 1) % 3]
+    for at_first, at_second in np.ndindex(3, 3):
+        ends = first[at_first], first[(at_first + 1) % 3], second[at_second], second[(at_second + 1) % 3]
         pair = _least(pair, *nearest_of_segments(*ends))
     return pair
 

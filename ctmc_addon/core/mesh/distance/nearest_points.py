@@ -69,18 +69,18 @@ def nearest_of_segments(p: Doubles, q: Doubles, r: Doubles, s: Doubles) -> tuple
     one_a, one_e = np.where(a > 0, a, 1), np.where(e > 0, e, 1)
     skew = determinant > 1e-14 * a * e
     at = np.where(skew, np.clip((b * f - c * e) / np.where(skew, determinant, 1), 0, 1), 0)
-    other = np.where(e > 0, (b * at + f) / one_e, 0)
-    beyond = (other < 0) | (other > 1) | (e <= 0)
-    other = np.clip(other, 0, 1)
-    at = np.where(beyond, np.clip((b * other - c) / one_a, 0, 1), at)
+    at_second = np.where(e > 0, (b * at + f) / one_e, 0)
+    beyond = (at_second < 0) | (at_second > 1) | (e <= 0)
+    at_second = np.clip(at_second, 0, 1)
+    at = np.where(beyond, np.clip((b * at_second - c) / one_a, 0, 1), at)
     at = np.where(a > 0, at, 0)
-    return p + first * at, r + second * other
+    return p + first * at, r + second * at_second
 
 
 def pierced(p: Doubles, q: Doubles, a: Doubles, b: Doubles, c: Doubles) -> tuple[Flags, Doubles]:
     """Return which segments pq pass through their triangle abc, (n,), and where, (3, n).
 
-    Segments in the plane of their triangle do not: their nearest points tell.
+    Segments in the plane of their triangle do not; use their nearest points.
     """
     normal = cross(b - a, c - a)
     above, below = dot(p - a, normal), dot(q - a, normal)

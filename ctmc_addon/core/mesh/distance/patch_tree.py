@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A tree of small patches of a surface, to search it for what a ball touches.
+"""A tree of small patches of a surface, to find the samples that a ball touches.
 
-Samples of the surface stand in patches of 16, which face one way and lie near each other: sorted by the axis that
-their normals are nearest to and in Morton order, then cut in halves along the longest side, chunk by chunk. So the two
-sides of a thin wall never share a patch. Every patch, and every four of them, and so on, is bounded by a flat disc
-across its mean normal, which is much thinner than a box where the surface is tilted.
+Samples of the surface are grouped into patches of 16 that face one way and lie near each other. They are sorted by the
+axis nearest to their normals, then in Morton order, and each chunk is halved along its longest side. So the two sides
+of a thin wall never share a patch. Every patch, every four patches and so on are bounded by a flat disc across their
+mean normal, which is much thinner than a box where the surface is tilted.
 
 Positions are float32 about the middle of the samples.
 """
@@ -21,9 +21,9 @@ from ...progress import PAUSE, Steps
 from ..vectors import cross, dot
 from .triangle_tree import CODE_BITS, morton_codes, order_steps
 
-PATCH = 16  # samples
+PATCH = 16  # A patch has this many samples.
 BRANCH = 4  # A disc bounds this many discs of the level below.
-CHUNK = 4096  # Samples that are halved together; a power of 4 times PATCH.
+CHUNK = 4096  # Halve this many samples at once; a power of 4 times PATCH.
 MARGIN = 2.0**-20  # Discs are too large by this share of the extent, because of float32.
 CODES_AT_ONCE = 1 << 17
 CHUNKS_AT_ONCE = 32
@@ -37,7 +37,7 @@ class PatchTree:
     order : (n,) int64
         The sample at each place; at the end the last one is repeated until chunks are full.
     middle : (3,) float64
-        What was taken from positions.
+        Subtracted from all positions.
     positions, normals : (3, n) float32
         By place; patch k holds the places 16 k to 16 k + 15.
     patches : (3, 16, n / 16) float32
@@ -54,7 +54,7 @@ class PatchTree:
     levels: list[Floats]
 
     def prepare_steps(self, positions: NDArray[Any], normals: NDArray[Any]) -> Steps[None]:
-        """Take in samples (n, 3) and the unit normals there; n is at least 1."""
+        """Build the tree from samples (n, 3), at least one, and their unit normals."""
         low, high = positions.min(axis=0).astype(np.float64), positions.max(axis=0).astype(np.float64)
         extent = float((high - low).max()) or 1.0
         self.middle = (low + high) / 2

@@ -3,8 +3,8 @@
 
 The sign is that of the angle-weighted pseudonormal of the face, edge or vertex that is nearest (Baerentzen and Aanaes
 2005, doi:10.1109/TVCG.2005.49), summed over all triangles around, so that edges of four triangles are right too. Where
-it is nearly at a right angle to the way there, as at fins and triangles without area, another point of the ball that
-reaches from the point to the surface is asked: nothing lies inside that ball, so it has one sign.
+it is nearly at a right angle to the way there, as at fins and triangles without area, a point inside the ball around
+the point that touches the surface is tested instead: the ball is empty, so all of it has one sign.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from .nearest_points import CORNER, EDGE, nearest_points
 from .triangle_tree import TriangleTree
 
 RIGHT = math.pi / 2
-UNCLEAR = 1e-3  # Cosine of the way to a pseudonormal, below which the sign is asked elsewhere.
-MOVED = 0.5  # Ask so far into the ball.
+UNCLEAR = 1e-3  # Below this cosine between the way and a pseudonormal, test the sign elsewhere.
+MOVED = 0.5  # Test the sign at this share of the way to the surface.
 WAYS = np.array(
     [
         *np.concatenate([np.eye(3), -np.eye(3)]),
@@ -38,14 +38,14 @@ POINTS_AT_ONCE = 1 << 15
 
 
 class SignedSurface:
-    """A surface, ready for signed distances to it.
+    """A surface, prepared for signed distances.
 
     Attributes
     ----------
     mesh : TriangleMesh
     tree : TriangleTree
     closed : bool
-        Whether as many triangles run up every edge as run down it; distances to others are unsigned.
+        Whether as many triangles run up every edge as run down it; otherwise distances are unsigned.
     """
 
     mesh: TriangleMesh
@@ -53,7 +53,7 @@ class SignedSurface:
     closed: bool
 
     def prepare_steps(self, mesh: TriangleMesh) -> Steps[None]:
-        """Take in a mesh with at least one triangle, else raise `MeshError`."""
+        """Prepare a mesh with at least one triangle, else raise `MeshError`."""
         self.mesh, self.tree = mesh, TriangleTree()
         yield from self.tree.prepare_steps(mesh)
         _, self._face_edges = yield from edges_steps(np.ascontiguousarray(mesh.faces.T), len(mesh.vertices))
@@ -71,7 +71,7 @@ class SignedSurface:
         return not balance.any()
 
     def _normals_steps(self) -> Steps[None]:
-        """Work out the pseudonormals of faces, edges and vertices, which need no unit length."""
+        """Compute the pseudonormals of faces, edges and vertices, of any length."""
         faces, edge_count, vertex_count = self.mesh.faces, int(self._face_edges.max()) + 1, len(self.mesh.vertices)
         self._of_face = np.empty((3, len(faces)))
         angles = np.empty((3, len(faces)))
@@ -124,8 +124,8 @@ class SignedSurface:
             if not len(unclear):
                 break
             moved = points[:, unclear] + way[:, None] * (MOVED * distances[unclear])
-            _, other = self.tree.nearest(moved, np.full(len(unclear), np.inf), [place[unclear]])
-            cosine = self._cosines(moved, other)
+            _, nearest = self.tree.nearest(moved, np.full(len(unclear), np.inf), [place[unclear]])
+            cosine = self._cosines(moved, nearest)
             clear = np.abs(cosine) >= UNCLEAR
             inside[unclear[clear]] = cosine[clear] < 0
             unclear = unclear[~clear]

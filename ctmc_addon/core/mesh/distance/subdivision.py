@@ -24,7 +24,7 @@ def mean_longest_edge_steps(mesh: TriangleMesh) -> Steps[float]:
 
 
 def subdivided_steps(mesh: TriangleMesh, length: float) -> Steps[TriangleMesh]:
-    """The same surface with all triangles cut in four until their longest edges are about `length` on average.
+    """Return the same surface with all triangles cut in four until their longest edges are about `length` on average.
 
     Not beyond `MOST_FACES`, so that a picture of a large surface stays possible.
     """
@@ -34,7 +34,7 @@ def subdivided_steps(mesh: TriangleMesh, length: float) -> Steps[TriangleMesh]:
 
 
 def cut_in_four_steps(mesh: TriangleMesh) -> Steps[TriangleMesh]:
-    """Every triangle cut in four at the middles of its edges, normals interpolated."""
+    """Return every triangle cut in four at the middles of its edges, normals interpolated."""
     edges, face_edges = yield from edges_steps(np.ascontiguousarray(mesh.faces.T), len(mesh.vertices))
     low, high = edges
     vertices = np.concatenate([mesh.vertices, (mesh.vertices[low] + mesh.vertices[high]) * np.float32(0.5)])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far two surfaces are from each other: the one estimator that panel, figures, experiments and report share.
+"""Measure how far two surfaces are from each other, for panel, figures, experiments and report alike.
 
 Exact distances from points to triangles, both ways, between points spread evenly over each surface and, for the
 largest, its vertices. Components of the full surface that the other has lost are left out and named separately: their
@@ -74,7 +74,7 @@ class SurfaceDistance:
     from_full : OneWayDistance
         From those components of the full surface that are still there.
     lost : LostComponents
-        The others.
+        Components of the full surface that are lost.
     """
 
     to_full: OneWayDistance = field(default_factory=OneWayDistance)
@@ -185,7 +185,7 @@ def _prepare_steps(surface: ReferenceSurface, full: ReferenceSurface) -> Steps[t
     for each in (surface, full):
         yield from each.tree_steps()
     component = yield from full.component_steps()
-    lost = yield from lost_components_steps(surface.mesh, full.mesh, (yield from full.tree_steps()), component)
+    lost = yield from lost_components_steps(surface.mesh, (yield from full.tree_steps()), component)
     if not lost.any():
         return np.zeros(len(component), bool), LostComponents()
     volumes = yield from component_volumes_steps(full.mesh.vertices, full.mesh.faces, component)
@@ -205,9 +205,9 @@ def _both_ways_steps(
         largest = yield from equal_part(at_vertices, 2 * number + 1, 4)
         ways.append(OneWayDistance(float(sampled.mean()), float(np.percentile(sampled, 95)), largest))
     if lost.count:
-        gone = ReferenceSurface(TriangleMesh(full.mesh.vertices, full.mesh.faces[lost_faces]))
+        lost_surface = ReferenceSurface(TriangleMesh(full.mesh.vertices, full.mesh.faces[lost_faces]))
         tree = yield from surface.tree_steps()
-        farthest = yield from tree.largest_steps(gone.vertices(), threads=threads)
+        farthest = yield from tree.largest_steps(lost_surface.vertices(), threads=threads)
         lost = replace(lost, largest=farthest)
     to_full, from_full = ways
     return SurfaceDistance(to_full, from_full, lost)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Samples of a surface for balls that touch it: its vertices, and places within triangles that are large."""
+"""Sample a surface for balls that touch it: at its vertices, and inside large triangles."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..triangle_mesh import TriangleMesh
 from ..vectors import dot
 from .patch_tree import PatchTree
 
-MOST_SPLITS = 64  # of an edge
+MOST_SPLITS = 64  # Divide an edge into at most this many parts.
 
 
 class SurfaceSamples(NamedTuple):
@@ -39,7 +39,7 @@ class SurfaceSamples(NamedTuple):
 
     @property
     def places(self) -> Indices:
-        """One place in the tree of every sample, (n,) int64; others repeat a sample."""
+        """One place in the tree of every sample, (n,) int64; further places repeat a sample."""
         places = np.empty(len(self.areas), np.int64)
         places[self.tree.order[::-1]] = np.arange(len(self.tree.order))[::-1]  # The first place is written last.
         return places

@@ -19,7 +19,7 @@ normal m, so the ball that touches both planes counts:
 
 unless it touches the plane of q far from q, as at a sharp edge.
 
-Neighbors have nearly the same answer: samples are asked from coarse to fine, and begin with what was found beside them.
+Neighbors have nearly the same answer, so samples are searched from coarse to fine and begin with that of a neighbor.
 A ball may be too large by `TOLERANCE` before it meets its tangent plane. Positions and results in one unit.
 """
 
@@ -33,20 +33,20 @@ from ...progress import PAUSE, Steps
 from ..vectors import dot
 from .patch_tree import BRANCH, PATCH, PatchTree
 
-SLOPE = 0.12  # About 7 degrees: normals of a field are off by so much.
-TRIANGLE_SLOPE = 0.3  # About 17 degrees: so much those are off that are means of triangles.
+SLOPE = 0.12  # Normals of a field are off by up to about this, 7 degrees.
+TRIANGLE_SLOPE = 0.3  # Normals that are means of triangles are off by up to about this, 17 degrees.
 DEPTH = 0.05  # Of the samples' distance.
 TOLERANCE = 0.01  # Of the radius.
 ROUNDING = np.float32(1 + 1e-5)
-GROUP = 16  # Places that are searched for together.
-COARSER = 16  # Every so many places are asked before those between.
+GROUP = 16  # Search for this many places at once.
+COARSER = 16  # Search every place of this many first, then those between.
 BLOCK = 2048  # Places that are searched for at once.
 COARSE_BLOCK = 256  # The same among the coarser ones, whose neighbors say less: a place has more pairs.
 TESTED = 1 << 15  # Pairs of a place and a patch whose discs are tested at once.
 PAIRS = 2048  # Pairs of a place and a patch whose samples are measured at once: they stay in the cache.
 FAR = 1.5  # The plane of a sample counts up to this many of the samples' distances from it.
 CAP = 2.0  # Times the limit: the radius with slope and depth is larger than the ball.
-FIRST_TRY = 4.0  # Times the samples' distance: the radius to begin with where no neighbor is known.
+FIRST_TRY = 4.0  # Without a neighbor, begin with this many times the distance of samples as radius.
 NEXT_TRY = 4.0  # Times the last one.
 NEIGHBORS_TRY = 1.5  # Times the radius of the neighbors.
 Hints = tuple[Indices, Floats]  # What balls meet, -1 for nothing, and their radii.
@@ -108,9 +108,9 @@ class TangentBalls:
 
         NaN where a ball meets nothing. `radii_steps` has run.
         """
-        other = self._other[places]
-        cosines = dot(self.tree.normals[:, places], self.tree.normals[:, other])
-        return np.where(other >= 0, cosines, np.float32(np.nan))
+        limiting = self._other[places]
+        cosines = dot(self.tree.normals[:, places], self.tree.normals[:, limiting])
+        return np.where(limiting >= 0, cosines, np.float32(np.nan))
 
     def _search(self, places: Indices, hints: Hints, start: int, group: int) -> None:
         """Search for places, the first of them number `start`.
@@ -118,15 +118,15 @@ class TangentBalls:
         `hints` has what every `COARSER`th ball meets, and its radius. Balls are tried from small to large: what limits
         a ball of the radius tried limits larger ones too.
         """
-        others, radii = hints
+        limiting, radii = hints
         tried = np.full(len(places), FIRST_TRY * self.gap, np.float32)
-        if len(others):
+        if len(limiting):
             number = (np.arange(len(places)) + start) // COARSER
-            for beside in (0, 1):
-                neighbor = np.minimum(number + beside, len(others) - 1)
-                known = np.flatnonzero(others[neighbor] >= 0)
-                self._measure(places[known], others[neighbor[known]] // PATCH)
-                tried[known] = np.maximum(tried[known], radii[neighbor[known]] * np.float32(NEIGHBORS_TRY))
+            for step in (0, 1):
+                neighbor = np.minimum(number + step, len(limiting) - 1)
+                has_hint = np.flatnonzero(limiting[neighbor] >= 0)
+                self._measure(places[has_hint], limiting[neighbor[has_hint]] // PATCH)
+                tried[has_hint] = np.maximum(tried[has_hint], radii[neighbor[has_hint]] * np.float32(NEIGHBORS_TRY))
         while len(places):
             self._try(places, tried, group)
             larger = np.flatnonzero(self._radius[places] > tried)
@@ -137,7 +137,7 @@ class TangentBalls:
         members = np.minimum(np.arange(-(-len(places) // group) * group), len(places) - 1).reshape(-1, group)
         pair_group, patch = self._near_patches(places[members], tried[members])
         number, patch = members[pair_group].ravel(), np.repeat(patch, group)
-        # The patch deepest in its ball shrinks it, so that most of the others need not be measured.
+        # The patch deepest in its ball shrinks it, so that most other patches need not be measured.
         inside, number, patch = self._inside(places, tried, number, patch)
         if not len(number):
             return
@@ -240,7 +240,7 @@ class TangentBalls:
             height -= np.sqrt(squared) * self._slope
             height -= self._depth
             height *= 2
-            # A sample that lies too low gets a radius beyond all others, without a mask.
+            # A sample that lies too low gets a huge radius instead of a mask.
             np.maximum(squared, self._depth * self._depth * np.float32(0.01), out=squared)
             np.maximum(height, self._depth * np.float32(1e-12), out=height)
             squared /= height
@@ -256,16 +256,16 @@ class TangentBalls:
 
     def _touching(self, places: Indices) -> Doubles:
         """Return the radii of the balls that touch the tangent planes at places and at what they meet."""
-        other = self._other[places]
-        n, m = self.tree.normals[:, places].astype(np.float64), self.tree.normals[:, other].astype(np.float64)
-        offset = self.tree.positions[:, other].astype(np.float64) - self.tree.positions[:, places]
+        limiting = self._other[places]
+        n, m = self.tree.normals[:, places].astype(np.float64), self.tree.normals[:, limiting].astype(np.float64)
+        offset = self.tree.positions[:, limiting].astype(np.float64) - self.tree.positions[:, places]
         radius = dot(offset, offset) / np.maximum(2 * dot(offset, n), 1e-300)
         facing = 1 - dot(n, m)
         planar = -dot(offset, m) / np.where(facing > 0, facing, 1)
         touched = planar * (n - m) - offset
         planar_too = (facing > 0) & (planar > 0) & (dot(touched, touched) < (FAR * self.gap) ** 2)
         radius = np.where(planar_too, planar, radius)
-        return np.where((other >= 0) & (radius <= self.limit), radius, np.nan)
+        return np.where((limiting >= 0) & (radius <= self.limit), radius, np.nan)
 
 
 def _middle(points: Floats) -> Floats:

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Exact distance from points to the nearest triangle of a mesh.
 
-The triangles stand in Morton order (Morton 1966), so that neighbors in space are neighbors in memory, and every box
+The triangles are in Morton order (Morton 1966), so that neighbors in space are neighbors in memory, and every box
 of the tree holds four boxes, or triangles, of the level below: box b holds 4 b to 4 b + 3. A point first tries two
 triangles beside it in that order. The distance to the nearer of them is a bound, mostly a tight one. Then blocks of
-points go down the tree together, level by level, as pairs of point and box; a pair is dropped when its box is farther
-than the point's bound, or near the bottom the disc of its triangles (discs.py). What is left is measured exactly.
+points go down the tree level by level, as pairs of point and box; a pair is dropped when its box is farther than the
+point's bound, or near the bottom the disc of its triangles (discs.py). The remaining pairs are measured exactly.
 
 Of many points every 64th goes first, then every 16th and so on: what is nearest to those before and after a point in
 Morton order bounds its own distance too.
@@ -86,7 +86,7 @@ class TriangleTree:
             finish(self.prepare_steps(mesh))
 
     def prepare_steps(self, mesh: TriangleMesh) -> Steps[None]:
-        """Take in a mesh."""
+        """Build the tree of a mesh."""
         if not len(mesh.faces):
             raise MeshError("no distance can be measured to a mesh without triangles; lower the threshold or reduction")
         low, high = mesh.vertices.min(axis=0).astype(np.float64), mesh.vertices.max(axis=0).astype(np.float64)
@@ -138,7 +138,7 @@ class TriangleTree:
     def distances_steps(
         self, points: NDArray[Any], limit: float = np.inf, threads: int | None = None
     ) -> Steps[Doubles]:
-        """`distances` as steps, with `threads` threads, by default one for each processor."""
+        """Do what `distances` does, in steps, with `threads` threads, by default one for each processor."""
         return np.sqrt((yield from self.nearest_steps(points, limit, threads))[0])
 
     def nearest_steps(
@@ -162,8 +162,8 @@ class TriangleTree:
                 if before:
                     low = here // before
                     seeds = [triangle[order[each * before]] for each in (low, np.minimum(low + 1, last))]
-                found = self.nearest(np.ascontiguousarray(points[block].T), np.full(len(here), limit * limit), seeds)
-                squared[block], triangle[block] = found
+                nearest = self.nearest(np.ascontiguousarray(points[block].T), np.full(len(here), limit * limit), seeds)
+                squared[block], triangle[block] = nearest
 
             blocks = range(0, len(places), BLOCK)
             work = map_steps(measure, blocks, worker_count(threads), "", batches=max(1, len(blocks)))
@@ -212,13 +212,13 @@ class TriangleTree:
         bounds = np.minimum(self._bounds(points), limits)
         for seed in seeds:
             np.minimum(bounds, self._squared(points, np.arange(points.shape[1]), seed), out=bounds)
-        found = np.full(points.shape[1], np.inf), np.zeros(points.shape[1], np.int64)
+        nearest = np.full(points.shape[1], np.inf), np.zeros(points.shape[1], np.int64)
         point, box = np.arange(points.shape[1]), np.zeros(points.shape[1], np.int64)
-        self._descend(points, (points - self._middle).astype(np.float32), bounds, point, box, found, self._height)
-        squared, triangle = found
+        self._descend(points, (points - self._middle).astype(np.float32), bounds, point, box, nearest, self._height)
+        squared, triangle = nearest
         beyond = squared > limits
         squared[beyond], triangle[beyond] = np.inf, 0
-        return found
+        return nearest
 
     def within(self, points: NDArray[Any], limits: Doubles) -> tuple[Indices, Indices]:
         """Return pairs of a point (3, n) and one of `corners`, all that may be within the point's own squared limit."""
@@ -235,15 +235,15 @@ class TriangleTree:
         bounds: Doubles,
         point: Indices,
         box: Indices,
-        found: tuple[Doubles, Indices],
+        nearest: tuple[Doubles, Indices],
         top: int,
     ) -> None:
-        """Go down from pairs of a point and a box of level `top`, and write what is nearest into `found`."""
+        """Go down from pairs of a point and a box of level `top`, and write what is nearest into `nearest`."""
         for height in reversed(range(top)):
             if len(point) > MOST_PAIRS and point[0] != point[-1]:
                 middle = int(np.searchsorted(point, (point[0] + point[-1] + 1) // 2))
                 for part in (slice(None, middle), slice(middle, None)):
-                    self._descend(points, centered, bounds, point[part], box[part], found, height + 1)
+                    self._descend(points, centered, bounds, point[part], box[part], nearest, height + 1)
                 return
             point, box, outside = self._children(centered, bounds, point, box, height)
             if len(point) > CROWD * points.shape[1]:
@@ -260,7 +260,7 @@ class TriangleTree:
             point, box = point[near], box[near]
         exact = self._squared(points, point, box)
         best = _least_of_each(point, exact)
-        squared, triangle = found
+        squared, triangle = nearest
         squared[point[best]], triangle[point[best]] = exact[best], box[best]
 
     def _children(

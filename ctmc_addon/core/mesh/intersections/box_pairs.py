@@ -36,10 +36,10 @@ class BoxTree:
         self._levels: list[tuple[Floats, Floats, Flags | None]] = []  # (3, 4, boxes / 4) twice, (4, boxes / 4)
         while low.shape[1] > 1 or not self._levels:
             fours = _fours(low, np.inf), _fours(high, -np.inf)
-            chosen = None if selected is None else _fours(selected[None], False)[0]
-            self._levels.append((*fours, chosen))
+            fours_selected = None if selected is None else _fours(selected[None], False)[0]
+            self._levels.append((*fours, fours_selected))
             low, high = fours[0].min(axis=1), fours[1].max(axis=1)
-            selected = None if chosen is None else chosen.any(axis=0)
+            selected = None if fours_selected is None else fours_selected.any(axis=0)
 
     def pairs(self) -> Generator[tuple[Ints, Ints], None, None]:
         """Yield blocks of pairs of overlapping boxes, (n,) and (n,) int32, every pair once, the lower number first."""
@@ -54,8 +54,8 @@ class BoxTree:
             if height:
                 stack.append((height - 1, first, second))
                 continue
-            other = first != second
-            yield first[other], second[other]
+            differ = first != second
+            yield first[differ], second[differ]
 
     def _children(self, height: int, first: Ints, second: Ints) -> tuple[Ints, Ints]:
         """Pairs of overlapping boxes of the level in these pairs of boxes of the level above."""
@@ -70,8 +70,8 @@ class BoxTree:
         near[:, :, itself] &= _FORWARD[:, :, None]
         flat = np.flatnonzero(_by_column(near.reshape(2, 8, -1))).astype(np.int32)
         pair = flat >> 2 * SHIFT
-        one, other = flat >> SHIFT & BRANCH - 1, flat & BRANCH - 1
-        return (np.take(first, pair) << SHIFT) + one, (np.take(second, pair) << SHIFT) + other
+        of_first, of_second = flat >> SHIFT & BRANCH - 1, flat & BRANCH - 1
+        return (np.take(first, pair) << SHIFT) + of_first, (np.take(second, pair) << SHIFT) + of_second
 
 
 def _by_column(flags: Flags) -> Flags:
@@ -88,7 +88,7 @@ def _by_column(flags: Flags) -> Flags:
 
 
 def _fours(rows: NDArray[Any], fill: float) -> NDArray[Any]:
-    """The columns of (k, n) rows four by four, (k, 4, n / 4)."""
+    """Return the columns of (k, n) rows four by four, (k, 4, n / 4)."""
     parents = -(-rows.shape[1] // BRANCH)
     padded = np.full((len(rows), parents * BRANCH), fill, rows.dtype)
     padded[:, : rows.shape[1]] = rows

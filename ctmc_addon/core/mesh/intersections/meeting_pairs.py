@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pairs of triangles of a mesh that have a point in common besides common vertices and edges, decided exactly.
+"""Find exactly the pairs of triangles of a mesh that have a common point besides common vertices and edges.
 
-What counts is what other programs call a self-intersection (as CGAL's `does_self_intersect`): touching too. Triangles
-without a common vertex must not have a common point. Those with one common vertex must meet there alone; those with a
-common edge must not lie on each other. A triangle without area counts as one that meets itself, and is compared with
-no other. A vertex is its number: two vertices at one position are two.
+These are self-intersections as in other programs (CGAL's `does_self_intersect`), including triangles that touch. Two
+triangles without a common vertex must not have a common point; with one common vertex they must meet only there; with a
+common edge they must not lie on each other. A triangle without area counts as meeting itself, and is compared with no
+other. Vertices are identified by number: two vertices at one position are different.
 
-Most pairs that are near each other are neighbors, and most neighbors are proved apart by looking at the vertex between
-them (`stars`). Of the others most lie on one side of each other's plane, which float64 decides. The rest is decided
-exactly (`triangle_pairs`).
+Most near pairs are neighbors, and most neighbors are proved apart by the vertex between them (`stars`). Most other
+pairs lie on one side of each other's plane, which float64 decides. The rest is decided exactly (`triangle_pairs`).
 """
 
 from __future__ import annotations
@@ -113,7 +112,7 @@ def _boxes_steps(columns: Floats, faces: Ints) -> Steps[tuple[Floats, Floats]]:
 
 
 def _kept_steps(blocks: Pairs, selected: Flags) -> Steps[tuple[Pairs, Indices]]:
-    """The pairs with new numbers for the triangles that are in one or selected, and which these are."""
+    """Return the pairs with new numbers for the triangles that are in one or selected, and which these are."""
     pairs, kept = [], selected.copy()
     for first, second in blocks:
         pairs.append((first, second))
@@ -184,7 +183,7 @@ class _Triangles:
         return [np.compress(count == number, pairs, axis=1) for number in range(4)]
 
     def meeting(self, doubtful: list[Indices]) -> list[Indices]:
-        """The pairs, (2, n) each, that meet where they may not."""
+        """Return the pairs, (2, n) each, that meet where they may not."""
         tests = (self._meet, self._meet_beyond_vertex, self._meet_beyond_edge)
         return [pairs[:, test(*pairs)] for test, pairs in zip(tests, doubtful[:3], strict=True)] + doubtful[3:]
 
@@ -239,7 +238,7 @@ def _doubles(points: list[Floats], at: NDArray[Any]) -> list[Doubles]:
 
 
 def _joined(blocks: list[list[Indices]]) -> list[Indices]:
-    """The pairs of several blocks, by the number of common vertices."""
+    """Return the pairs of several blocks, by the number of common vertices."""
     empty = np.zeros((2, 0), np.int32)
     return [np.concatenate([empty, *(block[number] for block in blocks)], axis=1) for number in range(4)]
 

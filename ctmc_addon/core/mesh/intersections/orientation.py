@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""On which side of a plane or line a point lies, exactly, for float32 positions.
+"""Decide exactly on which side of a plane or line a point lies, for float32 positions.
 
 float64 decides where its result is larger than its rounding can be (the bounds of Shewchuk 1997,
-doi:10.1007/PL00009321); the others are worked out with whole numbers, as a float32 is one over a power of two. Where
-the float64 result is nearly 0, so is the whole one. It then fits 64 bits even if the products in it do not, since these
-are wrong by multiples of 2^64 only. Python's whole numbers are left for points that need too many bits themselves: one
-has a coordinate that is far smaller than the distance to the others.
-All arrays stand in columns: (3, n) float64 that hold float32 values.
+doi:10.1007/PL00009321). The rest is computed with integers, since a float32 is an integer over a power of two. If the
+float64 result is nearly 0, so is the integer. It then fits 64 bits even if its products do not, because these are wrong
+only by multiples of 2^64. Python's integers are used for points that need more bits: those with a coordinate far
+smaller than the distance to the other points.
+
+All arrays are columns: (3, n) float64 that hold float32 values.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from ...arrays import Doubles, Signs
 
 EPSILON = 2.0**-53
 SIDE_ERROR = 8 * EPSILON  # Error per sum of the absolute products: (7 + 56 eps) eps, rounded up.
-TURN_ERROR = 4 * EPSILON  # (3 + 16 eps) eps, rounded up
+TURN_ERROR = 4 * EPSILON  # Error per sum of the absolute products: (3 + 16 eps) eps, rounded up.
 WHOLE = 2.0**149  # Any float32 times this is a whole number, which float64 holds.
 BITS = 36  # A difference of coordinates has this many bits, so that a doubtful volume is below 2^62.
 
@@ -57,8 +58,8 @@ def turns(a: Doubles, b: Doubles, c: Doubles) -> Signs:
     """Sign of the area of every triangle abc in the plane, (n,): 1 where it runs counter-clockwise; arrays (2, n)."""
     ux, uy = a - c
     vx, vy = b - c
-    one, other = ux * vy, uy * vx
-    area, size = one - other, np.abs(one) + np.abs(other)
+    left, right = ux * vy, uy * vx
+    area, size = left - right, np.abs(left) + np.abs(right)
     out = np.sign(area).astype(np.int8)
     at = np.flatnonzero((np.abs(area) <= TURN_ERROR * size) & (size > 0))
     if len(at):

@@ -2,7 +2,7 @@
 """Vertices whose triangles cannot meet each other but at common edges and the vertex: proved for most at once.
 
 Seen along one direction, all triangles round such a vertex run counter-clockwise, and they go round it once. So no two
-of them hide each other, and none can cross another. What this does not prove is left to the exact test.
+of them hide or cross each other. Vertices without this proof are left to the exact test.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whether two triangles have a point in common that is not their common vertex or edge, exactly.
+"""Decide exactly whether two triangles have a common point besides a common vertex or edge.
 
 Positions are columns: a corner is (3, n) float64 that hold float32 values, a triangle three of them. No triangle may
 be without area.
@@ -20,13 +20,13 @@ Triangle = Sequence[Doubles]  # three corners
 
 
 def triangles_meet(first: Triangle, second: Triangle) -> Flags:
-    """Whether triangles without a common vertex have a common point, (n,): then an edge of one meets the other."""
+    """Return whether triangles without a common vertex have a common point, (n,), so that an edge meets a triangle."""
     met = np.zeros(first[0].shape[1], bool)
-    for one, other in ((first, second), (second, first)):
+    for edges, triangle in ((first, second), (second, first)):
         for start in range(3):
             left = np.flatnonzero(~met)
-            edge = [_columns(one[(start + end) % 3], left) for end in range(2)]
-            met[left] = _edge_meets(edge[0], edge[1], [_columns(corner, left) for corner in other])
+            edge = [_columns(edges[(start + end) % 3], left) for end in range(2)]
+            met[left] = _edge_meets(edge[0], edge[1], [_columns(corner, left) for corner in triangle])
     return met
 
 
@@ -39,20 +39,20 @@ def surely_apart(first: Triangle, second: Triangle) -> Flags:
     if not len(apart):
         return apart
     reach = max(float(np.abs(corner).max()) for corner in (*first, *second))
-    for one, two in ((first, second), (second, first)):
-        normal = cross(one[1] - one[0], one[2] - one[0])
+    for parting, opposite in ((first, second), (second, first)):
+        normal = cross(parting[1] - parting[0], parting[2] - parting[0])
         for start in range(3):
-            # Any direction will do that parts their shadows on it by more than what rounding makes of these.
-            way = cross(one[start] - one[start - 1], normal)
+            # Any direction works on which their projections are separated by more than the rounding.
+            way = cross(parting[start] - parting[start - 1], normal)
             error = np.abs(way).max(axis=0)
             error *= 16 * EPSILON * reach
-            inner, outer = ([dot(way, corner) for corner in corners] for corners in (one, two))
+            inner, outer = ([dot(way, corner) for corner in corners] for corners in (parting, opposite))
             apart |= np.maximum.reduce(inner) + error < np.minimum.reduce(outer) - error
     return apart
 
 
 def triangles_at_vertex_meet(first: Triangle, second: Triangle) -> Flags:
-    """Whether triangles that have corner 0 in common have another common point, (n,).
+    """Return whether triangles that have corner 0 in common have another common point, (n,).
 
     What they have in common is convex and reaches from the vertex to an edge on the other side of one of them.
     """
@@ -65,7 +65,7 @@ def triangles_at_vertex_meet(first: Triangle, second: Triangle) -> Flags:
 
 
 def triangles_at_edge_meet(start: Doubles, end: Doubles, first: Doubles, second: Doubles) -> Flags:
-    """Whether triangles with a common edge overlap, given their other corners, (n,): coplanar, on one side of it."""
+    """Return whether triangles with a common edge and third corners `first`, `second` overlap in one plane, (n,)."""
     met = sides(start, end, first, second) == 0
     at = np.flatnonzero(met)
     flat = [_columns(point, at) for point in (start, end, first, second)]
@@ -75,7 +75,7 @@ def triangles_at_edge_meet(start: Doubles, end: Doubles, first: Doubles, second:
 
 
 def have_no_area(corners: Triangle) -> Flags:
-    """Whether the corners of a triangle are on one line, (n,)."""
+    """Return whether the corners of a triangle are on one line, (n,)."""
     out = np.ones(corners[0].shape[1], bool)
     for axes in ([0, 1], [1, 2], [2, 0]):
         a, b, c = (corner[axes] for corner in corners)
@@ -88,7 +88,7 @@ def _columns(points: Doubles, at: NDArray[np.int64]) -> Doubles:
 
 
 def _edge_meets(p: Doubles, q: Doubles, triangle: Triangle) -> Flags:
-    """Whether the edge pq and the triangle, both with their ends, have a common point, (n,)."""
+    """Return whether the edge pq and the triangle, both with their ends, have a common point, (n,)."""
     a, b, c = triangle
     above, below = sides(a, b, c, p), sides(a, b, c, q)
     flat = (above == 0) & (below == 0)
@@ -105,7 +105,7 @@ def _edge_meets(p: Doubles, q: Doubles, triangle: Triangle) -> Flags:
 
 
 def _projected(triangle: Triangle, points: Sequence[Doubles]) -> list[Doubles]:
-    """The points, (2, n), without an axis along which the triangle keeps an area."""
+    """Return the points, (2, n), without an axis along which the triangle keeps an area."""
     axis = np.full(points[0].shape[1], -1)
     for left_out in range(3):
         axes = [left_out - 2, left_out - 1]
@@ -129,7 +129,7 @@ def _is_inside(point: Doubles, a: Doubles, b: Doubles, c: Doubles) -> Flags:
 
 
 def _segments_meet(p: Doubles, q: Doubles, a: Doubles, b: Doubles) -> Flags:
-    """Whether two segments in the plane, with their ends, have a common point, (n,)."""
+    """Return whether two segments in the plane, with their ends, have a common point, (n,)."""
     across_pq = turns(p, q, a) * turns(p, q, b) <= 0
     across_ab = turns(a, b, p) * turns(a, b, q) <= 0
     # On one line they meet where their boxes do; elsewhere these meet too.

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Drop the small components of every label of a complex.
 
-A neighbor keeps its wall where a component beside it goes: that wall then borders on what has no label. A component
-that lay within another label becomes that label.
+A neighbor of a dropped component keeps its wall, which then borders on samples without a label. A component inside a
+second label becomes that label.
 """
 
 from __future__ import annotations

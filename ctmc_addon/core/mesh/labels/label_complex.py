@@ -56,12 +56,12 @@ def neighbors_of(label: int, interfaces: Iterable[_Interface]) -> tuple[Neighbor
     >>> neighbors_of(2, [_Interface(1, 0, 4, 8.0), _Interface(2, 0, 9, 7.0), _Interface(2, 1, 5, 3.5)])
     (Neighbor(label=1, triangles=5, area_mm2=3.5),)
     """
-    both = ((each, other) for each in interfaces for other in (each.behind, each.front))
+    both = ((each, neighbor) for each in interfaces for neighbor in (each.behind, each.front))
     return tuple(
         sorted(
-            Neighbor(other, each.triangles, each.area)
-            for each, other in both
-            if other not in (0, label) and label in (each.behind, each.front)
+            Neighbor(neighbor, each.triangles, each.area)
+            for each, neighbor in both
+            if neighbor not in (0, label) and label in (each.behind, each.front)
         )
     )
 
@@ -143,7 +143,7 @@ class ComplexSurface:
         return self.off_edges[self.faces].any(axis=1)
 
     def at(self, alpha: float) -> ComplexMesh:
-        """The complex at `alpha`, in float32 in the order in which Blender mixes a shape key."""
+        """Return the complex at `alpha`, in float32 in the order in which Blender mixes a shape key."""
         return ComplexMesh(blend(self.midpoints, self.linear, alpha), self.faces, self.sides)
 
     def of_label(self, label: int) -> tuple[Surface, NDArray[np.int32]]:
@@ -213,7 +213,7 @@ def _narrow(labels: NDArray[np.int32]) -> NDArray[Any]:
 
 
 def junction_vertices(faces: NDArray[np.int32], sides: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Whether triangles between different pairs of labels meet at a vertex, (V,), up to the highest in use.
+    """Return whether triangles between different pairs of labels meet at a vertex, (V,), up to the highest in use.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ class KeptPieces:
     Parameters
     ----------
     one_pass : callable
-        Gives the pieces from the first to the last, as often as it is called; it is told when it is the last time.
+        Returns the pieces from the first to the last at every call; its argument is true at the last call.
     limits : ComponentLimits
         Limits that decide which components stay.
     spool : Spool, optional
@@ -140,7 +140,7 @@ class KeptPieces:
         self.component = joining.result
 
     def _meshes_steps(self, number: int) -> Iterator[Step | tuple[TriangleMesh, NDArray[np.int32]]]:
-        """The triangles of every piece that has any, with all their corners, and the component of each, (f,)."""
+        """Yield the triangles of every piece that has any, with all their corners, and the component of each, (f,)."""
         piece = 0
         for item in completed_pieces_steps(at_alpha_steps(self._pass_steps(number), self.alpha)):
             if isinstance(item, Step):
@@ -151,12 +151,12 @@ class KeptPieces:
             piece += 1
 
     def _components(self, number: int) -> NDArray[np.int32]:
-        """The component of the surface that every triangle of a piece is in, (f,)."""
+        """Return the component of the surface that every triangle of a piece is in, (f,)."""
         (within,) = self.spool.get(self._numbers[number])
         return self.component[self.first[number] : self.first[number + 1]][within]
 
     def _middles_steps(self) -> Steps[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-        """A point on the first triangle of every component, and its middle, (components, 3) each."""
+        """Return a point on the first triangle of every component, and its middle, (components, 3) each."""
         points, sums = np.zeros((self.count, 3)), np.zeros((self.count, 3))
         faces = np.zeros(self.count, np.int64)
         for item in self._meshes_steps(WEIGHING):
@@ -239,7 +239,7 @@ class KeptPieces:
         return smallest_around(cavities, volumes, ray, outer, np.concatenate(times))
 
     def _kept_steps(self, keep: NDArray[np.bool_], last: bool) -> Pieces:
-        """The pieces without the triangles of other components, and without the vertices that are then unused."""
+        """Return the pieces without the triangles of dropped components, and without vertices that are then unused."""
         held: tuple[Surface, NDArray[np.int32], NDArray[np.bool_]] | None = None
         number = 0
         source = WithResult(self._pass_steps(KEEPING, last))
@@ -306,16 +306,16 @@ def bodies_steps(surface: Surface, alpha: float) -> Steps[NDArray[np.intp]]:
     return np.asarray(owner[(yield from component_numbers_steps(surface.faces, len(surface.linear)))])
 
 
-def with_faces(surface: Surface, chosen: NDArray[np.bool_]) -> Surface:
+def with_faces(surface: Surface, selected: NDArray[np.bool_]) -> Surface:
     """Return a surface of some of the triangles, (F,), and of the vertices that these use."""
-    faces = surface.faces[chosen]
+    faces = surface.faces[selected]
     used = np.zeros(len(surface.linear), bool)
     used[faces] = True
     return _without_unused(surface, faces, used, np.empty(0, bool))
 
 
 def _added(sums: NDArray[np.float64], at: NDArray[np.intp], terms: NDArray[Any]) -> NDArray[np.float64]:
-    """The sums with the terms added to them one after the other: the same bits as of all terms at once."""
+    """Return the sums with the terms added to them one after the other: the same bits as of all terms at once."""
     if not sums.any():
         return np.asarray(np.bincount(at, terms, len(sums)), np.float64)
     places = np.concatenate([np.arange(len(sums)), at])
@@ -325,7 +325,7 @@ def _added(sums: NDArray[np.float64], at: NDArray[np.intp], terms: NDArray[Any])
 def _without_unused(
     piece: Surface, faces: NDArray[np.int32], used: NDArray[np.bool_], used_next: NDArray[np.bool_]
 ) -> Surface:
-    """A piece with some of its triangles, whose numbers also pass over the unused vertices of the next."""
+    """Return a piece with some of its triangles, whose numbers also pass over the unused vertices of the next."""
     own = len(piece.linear)
     used_own = np.flatnonzero(used[:own])
     number = np.concatenate([np.cumsum(used[:own]) - 1, len(used_own) + np.cumsum(used_next) - 1])

@@ -26,14 +26,14 @@ class PieceLinks:
         self._above = np.empty(0, np.int64)
 
     def add_steps(
-        self, faces: NDArray[np.int32], own: int, known: NDArray[np.int32] | None = None
+        self, faces: NDArray[np.int32], own: int, components: NDArray[np.int32] | None = None
     ) -> Steps[NDArray[np.int32]]:
         """Take in the triangles of the next piece, and return the component of each among the piece's own, (f,).
 
-        `own` vertices are the piece's; numbers from there on are those of the next piece. The components may be known.
+        The piece has `own` vertices; higher numbers belong to the next piece. `components` saves counting them.
         """
         total = max(own, int(faces.max(initial=-1)) + 1)
-        numbers = (yield from component_numbers_steps(faces, total)) if known is None else known
+        numbers = (yield from component_numbers_steps(faces, total)) if components is None else components
         at_vertex = np.full(max(total, len(self._above)), -1, np.int64)
         for start in range(0, len(faces), FACES_PER_STEP):
             block = slice(start, start + FACES_PER_STEP)
@@ -48,7 +48,7 @@ class PieceLinks:
         return numbers
 
     def joined_steps(self) -> Steps[NDArray[np.int32]]:
-        """The component of the surface that every component of a piece is in, in the order of their first triangles."""
+        """Return the surface's component of every component of a piece, in the order of their first triangles."""
         nodes = np.arange(self.first[-1], dtype=np.int32)
         links = np.concatenate([np.stack([nodes, nodes], axis=1), *self._links]).astype(np.int32)
         numbers = yield from component_numbers_steps(links, len(nodes))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Keep the pieces of a surface that are read several times: some in memory, the others in a file without a name."""
+"""Store the pieces of a surface that are read several times, some in memory and the rest in an unnamed file."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from ..distance import squared_distances
 
 ON_SURFACE = 1e-3  # A sample this near to the body, in sides of a sample, is inside.
 FIRST_LIMIT = 8  # Distances are measured this far first, in sides of a sample, then twice as far until all are found.
-TILE = 32  # Samples of so many rows and columns are compared with the edges around them.
+TILE = 32  # Samples of this many rows and columns are compared with the edges around them.
 PAIRS = 1 << 17  # Samples and edges that are compared at once; their distances stay in the processor's cache.
 
 

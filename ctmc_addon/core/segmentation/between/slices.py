@@ -60,7 +60,7 @@ def between_slices_steps(
         If fewer than two slices are drawn, or a number is not that of a slice.
     """
     layers = np.moveaxis(mask, axis, 0)
-    sides = [spacing_mm[2 - other] for other in range(3) if other != axis]  # of a layer's rows and columns
+    sides = [spacing_mm[2 - across] for across in range(3) if across != axis]  # of a layer's rows and columns
     if drawn is None:
         drawn = np.flatnonzero(layers.any(axis=(1, 2))).tolist()
     numbers = np.array(sorted(set(drawn)), np.intp)
@@ -173,7 +173,7 @@ def _distances_steps(drawn: Flags, numbers: NDArray[np.intp], sides_mm: Sequence
 
 
 def _filled_steps(distances: Distances) -> Steps[Flags]:
-    """The interpolated body, (slices, rows, columns) from the first drawn slice to the last."""
+    """Return the interpolated body, (slices, rows, columns) from the first drawn slice to the last."""
     count = int(distances.numbers[-1]) + 1
     body = np.empty((count, *distances.values.shape[1:]), bool)
     for number in range(count):
@@ -193,7 +193,7 @@ def _smoothed_steps(body: Flags, distances: Distances, voxel_mm: Spacing, budget
 
 
 def _start_steps(bricks: Bricks, distances: Distances, voxel_mm: Spacing) -> Steps[Start]:
-    """The interpolated distances over the bricks, and the bounds that drawn slices set."""
+    """Return the interpolated distances over the bricks, and the bounds that drawn slices set."""
     field, low, high = (np.zeros((len(bricks), WIDTH), np.float32) for _ in range(3))
     least, infinite = np.float32(NEAREST_ZERO * min(voxel_mm)), np.float32(np.inf)
     count, layer = bricks.shape[0], bricks.shape[1] * bricks.shape[2]

@@ -21,8 +21,8 @@ from ...arrays import Flags
 from ...progress import PAUSE, Steps, equal_part
 from ...smoothing.gaussian import convolved, weights
 from ..distance import Window, grown_window, near_steps, window_of
-from ..islands import touching_steps
 from ..points import Sample, sample_in
+from ..tools.islands import touching_steps
 from .claims import Claims, Floats, Sides
 from .geodesic import NEVER, cost_of
 

@@ -219,11 +219,11 @@ def _sharpest_cut(times: Times, values: Floats, same: Flags, smallest: int, long
     for axis, pitch in enumerate((times.shape[1] * times.shape[2], times.shape[2], 1)):
         for step in (-1, 1):
             at = np.flatnonzero((place[axis] + step >= 0) & (place[axis] + step < times.shape[axis]))
-            other = inside[at] + step * pitch
-            later = _bins(flat[other], longest)
-            counts = (later > bins[at]) & ~other_clicks[other]
-            at, other, later = at[counts], other[counts], later[counts]
-            rise = level[other] - level[inside[at]]
+            neighbor = inside[at] + step * pitch
+            later = _bins(flat[neighbor], longest)
+            counts = (later > bins[at]) & ~other_clicks[neighbor]
+            at, neighbor, later = at[counts], neighbor[counts], later[counts]
+            rise = level[neighbor] - level[inside[at]]
             for ends, sign in ((bins[at], 1), (later, -1)):
                 sums += sign * np.bincount(ends, np.abs(rise), BINS + 1)
                 rises += sign * np.bincount(ends, rise, BINS + 1)

@@ -45,7 +45,7 @@ SOFT_HU, MIDDLE_HU = 150.0, 50.0  # Differences count in full near soft tissue, 
 BONE_HU, BONE = 150.0, 0.1
 TABLE_HU = (-1024, 3072)
 GRAY_HU = 120.0  # HU that the range from the lowest to the highest percent of other values stands for.
-STAGES = {"Looking at the values": 4, "Competing": 4, "Finding the border": 4, "Drawing the border": 3}
+STAGES = {"Checking values": 4, "Growing regions": 4, "Finding the border": 4, "Drawing the border": 3}
 
 
 class Click(NamedTuple):
@@ -154,7 +154,8 @@ def _ball(sample: Sample, radius_mm: float, spacing_mm: Spacing, shape: Sequence
         for at, side, count in zip(sample, sides, shape, strict=True)
     ]
     z, y, x = (
-        ((np.arange(one.start, one.stop) - at) * side) ** 2 for one, at, side in zip(window, sample, sides, strict=True)
+        ((np.arange(span.start, span.stop) - at) * side) ** 2
+        for span, at, side in zip(window, sample, sides, strict=True)
     )
     return (window[0], window[1], window[2]), z[:, None, None] + y[:, None] + x <= radius_mm * radius_mm
 

@@ -57,10 +57,10 @@ def sweep_steps(times: Times, heights: Ints, spacing_mm: Spacing, rounds: int = 
     for number in range(rounds):
         before = times
         for axis in range(3):
-            order = (axis, *(other for other in range(3) if other != axis))
+            order = (axis, *(across for across in range(3) if across != axis))
             turned = np.array(times.transpose(order), order="C")  # a copy: a sweep writes into it
             ground = np.ascontiguousarray(heights.transpose(order))
-            costs = [sides[axis], *(math.hypot(sides[axis], sides[other]) for other in order[1:])]
+            costs = [sides[axis], *(math.hypot(sides[axis], sides[across]) for across in order[1:])]
             for forward in (True, False):
                 _sweep(turned, ground, [np.uint32(cost_of(cost)) for cost in costs], forward)
                 yield Step((number + (axis + forward / 2) / 3) / rounds)

@@ -238,8 +238,8 @@ class _Passes:
             self.large.append(reduced.large)
         self.reduced_faces += reduced.face_count
         moments = reduced.moments.at(reduced.batch.numbers[reduced.moments.vertices])
-        if len(reduced.gone):
-            self.moments = self.moments.select(~np.isin(self.moments.vertices, reduced.gone))
+        if len(reduced.unused):
+            self.moments = self.moments.select(~np.isin(self.moments.vertices, reduced.unused))
         self.moments = self.moments.with_others(moments)
 
     def protected(self) -> Indices:

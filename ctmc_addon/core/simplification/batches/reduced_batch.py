@@ -34,7 +34,7 @@ class Reduced:
         Indices of the vertices whose components enclose more than those that may go.
     crossing_count : int or None
         Pairs of triangles that cross, if that was tested.
-    gone : (n,) int64
+    unused : (n,) int64
         Numbers of vertices that had moments of components and are no longer there.
     moments : FullMoments
         Moments that are now elsewhere, or new, by indices of vertices of the batch.
@@ -46,7 +46,7 @@ class Reduced:
     handles_cut: int
     large: Indices | None = None
     crossing_count: int | None = None
-    gone: Indices = field(default_factory=lambda: np.empty(0, np.int64))
+    unused: Indices = field(default_factory=lambda: np.empty(0, np.int64))
     moments: FullMoments = NOTHING
 
 

@@ -87,8 +87,8 @@ def _uncross_steps(mesh: CollapsingMesh, log: CollapseLog, hold: bool) -> Steps[
 def _crossing_steps(mesh: CollapsingMesh, selected: Flags | None) -> Steps[Indices]:
     """Pairs of faces that cross, (2, n), with at least one of the selected."""
     alive = np.flatnonzero(mesh.faces[0] != mesh.dummy)
-    chosen = None if selected is None else selected[alive]
-    pairs = yield from self_intersections_steps(mesh.positions.T, mesh.faces[:, alive].T, chosen)
+    of_alive = None if selected is None else selected[alive]
+    pairs = yield from self_intersections_steps(mesh.positions.T, mesh.faces[:, alive].T, of_alive)
     return alive[pairs.T]
 
 

@@ -32,7 +32,7 @@ def gaps_filled_steps(
     ----------
     mesh : ComplexMesh
     target : int
-        Triangles that shall be left.
+        Triangles to keep.
     largest : float
         No larger volume is filled, in the cube of the mesh's unit.
     policy : Policy, optional

@@ -28,7 +28,7 @@ class Shares:
     interface : (F,) int32
         Number of the interface that each triangle is in.
     asked : float
-        Share of the triangles that shall be left.
+        Share of the triangles to keep.
     policy : Policy, optional
     """
 

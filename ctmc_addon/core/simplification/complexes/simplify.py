@@ -21,13 +21,12 @@ import numpy as np
 
 from ...arrays import Flags, Indices
 from ...machine.budget import Budget
-from ...mesh.distance.surface_distance import ReferenceSurface, SurfaceDistance, surface_distance_steps
 from ...mesh.intersections import self_intersections_steps
 from ...mesh.labels.label_complex import ComplexMesh, borders_of
 from ...mesh.measures import component_volumes_steps
 from ...mesh.topology import compacted, component_numbers_steps, component_roots_steps
 from ...mesh.triangle_mesh import TriangleMesh
-from ...progress import Stages, Step, Steps, equal_part, finish
+from ...progress import Stages, Step, Steps, finish
 from ..bounds.bounded import hold_bound_steps
 from ..engine.component_removal import CollapsedComponents, Staying
 from ..policy import POLICY, Policy
@@ -196,26 +195,6 @@ def _faces_of_labels(mesh: ComplexMesh) -> dict[int, int]:
     labels, interface = interfaces_of(mesh.sides)
     counts = np.bincount(interface, minlength=labels.shape[1])
     return {label: int(counts[(labels == label).any(axis=0)].sum()) for label in np.unique(labels).tolist() if label}
-
-
-def label_distances_steps(
-    simplified: ComplexMesh, full: ComplexMesh, threads: int | None = None
-) -> Steps[dict[int, SurfaceDistance]]:
-    """Measure for every label how far its simplified surface and its full one are from each other.
-
-    Parameters
-    ----------
-    simplified, full : ComplexMesh
-        In one space; distances are in its unit.
-    threads : int, optional
-        By default one for each processor.
-    """
-    labels = simplified.labels
-    distances = {}
-    for number, label in enumerate(labels):
-        steps = surface_distance_steps(simplified.of_label(label), ReferenceSurface(full.of_label(label)), threads)
-        distances[label] = yield from equal_part(steps, number, len(labels))
-    return distances
 
 
 def _part_steps(

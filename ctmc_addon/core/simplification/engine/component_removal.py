@@ -19,11 +19,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...arrays import Doubles, Flags, Floats, Indices, Ints
+from ...measures.units import specks_text
 from ...mesh.measures import component_volumes_steps, volumes_of_moments
 from ...mesh.topology import component_numbers_steps, components_of_vertices
 from ...mesh.vectors import cross, dot
 from ...progress import PAUSE, Steps
-from ...units import specks_text
 from ..bounds.error_check import ErrorCheck
 from ..policy import POLICY, Policy
 from .ranked_points import RankedPoints

@@ -208,18 +208,18 @@ def _loops_steps(
     # Every pair of edges with the same lowest end, and the third edge between their other ends.
     number = np.arange(len(keys))
     pairs = np.searchsorted(low, low, side="right") - 1 - number
-    one = np.repeat(number, pairs)
-    other = one + 1 + np.arange(len(one)) - np.repeat(np.cumsum(pairs) - pairs, pairs)
-    third, present = _find(keys, high[one].astype(np.int64) * count + high[other])
-    one, other, third = one[present], other[present], third[present]
+    side_a = np.repeat(number, pairs)
+    side_b = side_a + 1 + np.arange(len(side_a)) - np.repeat(np.cumsum(pairs) - pairs, pairs)
+    third, present = _find(keys, high[side_a].astype(np.int64) * count + high[side_b])
+    side_a, side_b, third = side_a[present], side_b[present], third[present]
     at_triangle = np.zeros(count, bool)
-    at_triangle[low[one]] = at_triangle[high[one]] = at_triangle[high[other]] = True
+    at_triangle[low[side_a]] = at_triangle[high[side_a]] = at_triangle[high[side_b]] = True
     yield PAUSE
     a, b, c = (np.take(at_triangle, corner) for corner in faces)
     corners = np.sort(faces[:, a & b & c], axis=0).astype(np.int64)
     yield PAUSE
     edge, present = _find(keys, corners[0] * count + corners[1])
-    triangles = one * count + high[other]
+    triangles = side_a * count + high[side_b]
     spans = [edge[present] * count + corners[2, present]]
     yield PAUSE
     # Round a vertex with three faces: that vertex can collapse.
@@ -230,9 +230,9 @@ def _loops_steps(
     edge, present = _find(keys, ring[:, 0] * count + ring[:, 1])
     spans.append(edge[present] * count + ring[present, 2])
     loop = ~np.isin(triangles, np.concatenate(spans))
-    one, other, third = one[loop], other[loop], third[loop]
-    loops = np.stack([low[one], high[one], high[other]], axis=1)
-    return loops, np.maximum(np.maximum(length[one], length[other]), length[third])
+    side_a, side_b, third = side_a[loop], side_b[loop], third[loop]
+    loops = np.stack([low[side_a], high[side_a], high[side_b]], axis=1)
+    return loops, np.maximum(np.maximum(length[side_a], length[side_b]), length[third])
 
 
 def _find(keys: Indices, sought: Indices) -> tuple[Indices, Flags]:
@@ -319,8 +319,8 @@ def _handles_steps(cuts: Cuts, right: Indices, faces: Ints, vertex_count: int, p
     pieces, number = np.unique([left_piece[necks], right_piece[necks]], return_inverse=True)
     joined = Groups(len(pieces))
     # The longest keep the pieces together.
-    for loop, one, other in zip(necks.tolist(), *number.reshape(2, -1).tolist(), strict=True):
-        handle[loop] = not joined.join(one, other)
+    for loop, first, second in zip(necks.tolist(), *number.reshape(2, -1).tolist(), strict=True):
+        handle[loop] = not joined.join(first, second)
     return handle
 
 

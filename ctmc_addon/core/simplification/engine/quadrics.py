@@ -5,11 +5,11 @@ The quadric of a vertex is the sum over its faces of the squared distance to the
 third of the face's area. All these planes pass through the vertex, so for a point that lies `d` away it
 is `d A d`, and six numbers are enough: A as xx, xy, xz, yy, yz, zz, an array (6, n). Kept about the
 vertex itself, not the origin, they stay of one size, and float32 is enough.
-Garland and Heckbert 1997, doi:10.1145/258734.258849; made anew from the faces there are, not summed up
-from those that were, as in Lindstrom and Turk 1998, doi:10.1109/VISUAL.1998.745314: nearer to the
+Garland and Heckbert 1997, doi:10.1145/258734.258849; made again from the present faces, not
+summed up from former ones, as in Lindstrom and Turk 1998, doi:10.1109/VISUAL.1998.745314: nearer to the
 surface by a fifth.
 
-Only + - * / in locked order: the order of collapses hangs on these bits.
+Only + - * / in a fixed order: the order of collapses depends on these bits.
 """
 
 from __future__ import annotations

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...machine.budget import Budget
+from ...measures.units import volume_text
 from ...progress import PAUSE, Steps
 from ...settings import ReconstructionSettings
-from ...units import volume_text
-from ...volume.field import Field, all_values_steps
+from ...volume.field import ScalarField, all_values_steps
 from ...volume.field_values import HeldValues
 from ...volume.region import box_slices, relative_box
 from ...volume.volume import Box, Volume
@@ -40,7 +40,7 @@ class Constrained(Smoothing):
     settings = ("slice_steps",)
     reads = ("close_border",)
 
-    def field_steps(self, field: Field, volume: Volume, budget: Budget, with_surface: bool) -> Steps[Field]:
+    def field_steps(self, field: ScalarField, volume: Volume, budget: Budget, with_surface: bool) -> Steps[ScalarField]:
         """Return the field of a label with the smoothest values that agree with it, all of them in memory."""
         settings, spacing = field.settings, volume.spacing
         budget.require(math.prod(field.values.shape), f"smoothing label {settings.label}", REMEDY)
@@ -100,7 +100,7 @@ def _smoothed_note(slice_steps: int, volumes: str = "") -> _SmoothedNote:
     return _SmoothedNote(f"{beginning}, {slice_steps} steps per slice" if slice_steps > 1 else beginning)
 
 
-def _is_cut(field: Field, mask: NDArray[np.bool_], volume: Volume) -> bool:
+def _is_cut(field: ScalarField, mask: NDArray[np.bool_], volume: Volume) -> bool:
     """Return whether a label reaches the border of its window where the volume goes on."""
     x, y, z = (
         (start + (start > 0), stop - (stop < n)) for (start, stop), n in zip(field.window, volume.size, strict=True)
@@ -108,13 +108,13 @@ def _is_cut(field: Field, mask: NDArray[np.bool_], volume: Volume) -> bool:
     return _reaches_out(field, mask, (x, y, z))
 
 
-def _reaches_border(field: Field, mask: NDArray[np.bool_], volume: Volume) -> bool:
+def _reaches_border(field: ScalarField, mask: NDArray[np.bool_], volume: Volume) -> bool:
     """Return whether a label reaches the border of the volume, where its surface is open unless it is closed there."""
     x, y, z = ((1, n - 1) for n in volume.size)
     return _reaches_out(field, mask, (x, y, z))
 
 
-def _reaches_out(field: Field, mask: NDArray[np.bool_], box: Box) -> bool:
+def _reaches_out(field: ScalarField, mask: NDArray[np.bool_], box: Box) -> bool:
     """Return whether a label has samples outside a box of the volume."""
     inner = tuple(
         (max(start, 0), min(stop, n))
@@ -123,7 +123,7 @@ def _reaches_out(field: Field, mask: NDArray[np.bool_], box: Box) -> bool:
     return np.count_nonzero(mask[box_slices((inner[0], inner[1], inner[2]))]) < np.count_nonzero(mask)
 
 
-def _refined_window(field: Field, volume: Volume, smooth: SmoothField, close_border: bool) -> Box:
+def _refined_window(field: ScalarField, volume: Volume, smooth: SmoothField, close_border: bool) -> Box:
     """Return the window counted in refined slices; a closed border lies half a slice gap outside it."""
     x, y, (start, stop) = relative_box(field.window, field.origin)
     low, high = (smooth.first_slice + slice_ * smooth.slice_steps for slice_ in (start, stop - 1))
@@ -134,7 +134,7 @@ def _refined_window(field: Field, volume: Volume, smooth: SmoothField, close_bor
     return x, y, (low, high + 1)
 
 
-def _wrong_side(field: Field, values: NDArray[np.float32], mask: NDArray[np.bool_]) -> int:
+def _wrong_side(field: ScalarField, values: NDArray[np.float32], mask: NDArray[np.bool_]) -> int:
     """Return how many samples of a label, in the window, the values have on the other side of the surface."""
     x, y, z = box_slices(relative_box(field.window, field.origin))[::-1]
     count = 0

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from ...machine.budget import Budget
 from ...machine.parallel import map_steps
+from ...measures.units import length_text
 from ...progress import PAUSE, Steps
 from ...settings import ReconstructionSettings
-from ...volume.field import Field
+from ...volume.field import ScalarField
 from ...volume.field_values import FieldValues
 from ...volume.volume import Box, Volume
 from ..gaussian import REACH, smoothed_middle, smoothed_plane, weights
@@ -31,7 +32,7 @@ class Gaussian(Smoothing):
     keeps_samples = False
     weight = 1
 
-    def field_steps(self, field: Field, volume: Volume, budget: Budget, with_surface: bool) -> Steps[Field]:
+    def field_steps(self, field: ScalarField, volume: Volume, budget: Budget, with_surface: bool) -> Steps[ScalarField]:
         """Return a field whose values are smoothed as they are fetched."""
         del with_surface
         yield PAUSE
@@ -51,7 +52,7 @@ class Gaussian(Smoothing):
 
     def caption(self, settings: ReconstructionSettings) -> str:
         """Return the words of a figure's caption on this smoothing."""
-        return f"Gaussian of {settings.smoothing_width_mm:g} mm"
+        return f"Gaussian of {length_text(settings.smoothing_width_mm)}"
 
 
 class GaussianValues:
@@ -112,11 +113,13 @@ class GaussianValues:
         )
         self._planes |= dict(zip(missing, planes, strict=True))
 
-        def across(number: int) -> NDArray[np.float32]:
-            around = range(number - reach, number + reach + 1)
-            return smoothed_middle([self._planes[min(max(at, 0), last)] for at in around], along_z)
+        smoothed = np.empty((len(numbers), *self.shape[1:]), self.dtype)  # Stacked at once, they would block a window.
 
-        smoothed = np.stack((yield from map_steps(across, numbers, threads, SMOOTHING)))
+        def across(row: int) -> None:
+            around = range(numbers[row] - reach, numbers[row] + reach + 1)
+            smoothed[row] = smoothed_middle([self._planes[min(max(at, 0), last)] for at in around], along_z)
+
+        yield from map_steps(across, range(len(numbers)), threads, SMOOTHING)
         if self.counted is not None:
             self._masks = {number: mask for number, mask in self._masks.items() if number >= numbers[0]}
             self._masks |= dict(zip(missing, fetched, strict=True))

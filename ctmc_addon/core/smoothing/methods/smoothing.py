@@ -6,7 +6,7 @@ from __future__ import annotations
 from ...machine.budget import Budget
 from ...progress import PAUSE, Steps
 from ...settings import ReconstructionSettings
-from ...volume.field import Field
+from ...volume.field import ScalarField
 from ...volume.volume import Volume
 
 Spacing = tuple[float, float, float]
@@ -53,12 +53,12 @@ class Smoothing:
     def __init__(self, name: str) -> None:
         self.name = name
 
-    def field_steps(self, field: Field, volume: Volume, budget: Budget, with_surface: bool) -> Steps[Field]:
+    def field_steps(self, field: ScalarField, volume: Volume, budget: Budget, with_surface: bool) -> Steps[ScalarField]:
         """Return a field with its values smoothed.
 
         Parameters
         ----------
-        field : Field
+        field : ScalarField
             Field with gray values, or a label's 0 and 1, of a box that holds `reach`.
         volume : Volume
             Volume that the field is a box of.

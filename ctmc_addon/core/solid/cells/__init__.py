@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Parts from several fields at once: cells cut along straight rims."""
+"""Extract parts from several fields at once, with straight rims where their surfaces meet."""

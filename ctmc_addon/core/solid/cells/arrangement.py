@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """How the zero planes of several linear fields cut each other in one tetrahedron.
 
-In a tetrahedron a field is linear, so its zero set is a plane, and what several fields leave of a plane are convex
-pieces whose rims are straight. Which pieces there are hangs on signs alone: of the fields at the corners, of the order
-of two zeros on an edge, of a third field where two are 0 on a face, and of a fourth where three are 0 inside. Both
-tetrahedra at a face ask the same signs, so that pieces fit together without a gap.
+A field is linear in a tetrahedron, so its zero set is a plane, and the other fields cut that plane into convex pieces
+with straight rims. Signs decide which pieces exist: those of the fields at the corners, of the order of two zeros on
+an edge, of a third field where two are 0 on a face, and of a fourth where three are 0 inside. The two tetrahedra at a
+face use the same signs, so their pieces fit without a gap.
 
-Nodes of pieces, by their corners and their fields:
+A node of a piece is named by its corners and its fields:
 
     on an edge     two corners, one field is 0
     on a face      three corners, two fields are 0
@@ -27,8 +27,8 @@ from ...arrays import Doubles, Flags
 CORNERS = range(4)
 EDGES = tuple(combinations(CORNERS, 2))
 TRIANGLES = tuple(combinations(CORNERS, 3))
-Node = tuple[tuple[int, ...], tuple[int, ...]]  # corners and fields, both rising
-Side = tuple[int, ...]  # Corners of the face that a side of a piece lies in, or (-1, field) for a cut by that field.
+Node = tuple[tuple[int, ...], tuple[int, ...]]  # Corners and fields, both rising.
+Side = tuple[int, ...]  # The corners of the face that a piece's side lies in, or (-1, field) if that field cuts it.
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,9 @@ class Piece:
     field : int
         Number among the fields of the pattern.
     nodes : tuple of Node
-        Counter-clockwise seen from where the field is below 0, if corners 1, 2, 3 are counter-clockwise seen from
-        corner 0's far side (a right-handed tetrahedron).
+        Counter-clockwise seen from where the field is below 0, in a right-handed tetrahedron.
     above : tuple of bool
-        Whether each field is above 0 on the piece; of its own field False.
+        Whether each field is above 0 on the piece; False for its own field.
     """
 
     field: int
@@ -59,16 +58,16 @@ def signs_of(values: Doubles) -> NDArray[np.uint8]:
         for a, b in EDGES:
             between = values[:, i, a] * values[:, j, b] - values[:, j, a] * values[:, i, b]
             same = (values[:, i, a] > 0) == (values[:, j, a] > 0)
-            bits.append(np.where(same, between >= 0, between <= 0))  # field i is 0 nearer to a than field j
+            bits.append(np.where(same, between >= 0, between <= 0))  # Field i is 0 nearer to a than field j is.
     for count, corner_sets in ((2, TRIANGLES), (3, (tuple(CORNERS),))):
         for group in combinations(range(fields), count):
             for corners in corner_sets:
                 place = zero_of(values[:, group][:, :, corners])
-                for other in range(fields):
-                    if other not in group:
+                for further in range(fields):
+                    if further not in group:
                         at = np.zeros(len(values))
                         for number, corner in enumerate(corners):
-                            at += values[:, other, corner] * place[:, number]
+                            at += values[:, further, corner] * place[:, number]
                         bits.append(at > 0)
     return np.stack(bits, axis=1).astype(np.uint8)
 
@@ -104,7 +103,7 @@ def _determinant(rows: list[list[Doubles]]) -> Doubles:
 
 
 class _Signs:
-    """The signs of a pattern, by name."""
+    """Look up the signs of a pattern by node and field."""
 
     def __init__(self, bits: bytes, fields: int) -> None:
         source = iter(bits)
@@ -118,22 +117,22 @@ class _Signs:
         for count, corner_sets in ((2, TRIANGLES), (3, (tuple(CORNERS),))):
             for group in combinations(range(fields), count):
                 for corners in corner_sets:
-                    for other in range(fields):
-                        if other not in group:
-                            self._at_zero[(corners, group), other] = bool(next(source))
+                    for further in range(fields):
+                        if further not in group:
+                            self._at_zero[(corners, group), further] = bool(next(source))
 
-    def at(self, node: Node, other: int) -> bool:
-        """Return whether a field is above 0 at a node of others."""
+    def at(self, node: Node, further: int) -> bool:
+        """Return whether a field is above 0 at a node of other fields."""
         corners, group = node
         if len(group) > 3:
             return False
         if len(group) > 1:
-            return self._at_zero[node, other]
-        low, high = self.at_corner[other][corners[0]], self.at_corner[other][corners[1]]
+            return self._at_zero[node, further]
+        low, high = self.at_corner[further][corners[0]], self.at_corner[further][corners[1]]
         if low == high:
             return low
         field = group[0]
-        is_first = self._first[field, other, corners] if field < other else not self._first[other, field, corners]
+        is_first = self._first[field, further, corners] if field < further else not self._first[further, field, corners]
         return low if is_first else high
 
 
@@ -145,25 +144,25 @@ def pieces_of(bits: bytes, fields: int) -> tuple[Piece, ...]:
 
 
 def _pieces_of_plane(signs: _Signs, field: int) -> list[Piece]:
-    """Return what the other fields leave of a field's plane."""
+    """Return the pieces into which the other fields cut a field's plane."""
     whole = _polygon(signs.at_corner[field], field)
     parts: list[tuple[list[Node], list[Side], list[bool]]] = [(*whole, [False] * signs.fields)] if whole else []
-    for other in range(signs.fields):
-        if other == field:
+    for cutter in range(signs.fields):
+        if cutter == field:
             continue
         cut = []
         for nodes, sides, above in parts:
-            inside = [signs.at(node, other) for node in nodes]
+            inside = [signs.at(node, cutter) for node in nodes]
             for keep in (True, False):
-                own = _clipped(nodes, sides, inside, keep, field, other)
+                own = _clipped(nodes, sides, inside, keep, field, cutter)
                 if own is not None:
-                    cut.append((*own, [keep if number == other else each for number, each in enumerate(above)]))
+                    cut.append((*own, [keep if number == cutter else each for number, each in enumerate(above)]))
         parts = cut
     return [Piece(field, tuple(nodes), tuple(above)) for nodes, _, above in parts]
 
 
 def _polygon(above: list[bool], field: int) -> tuple[list[Node], list[Side]] | None:
-    """Return the nodes of a field's whole plane in order, and the face that each side up to the next node lies in."""
+    """Return the nodes around a field's whole plane, and for each the face that the side to the next node lies in."""
     inside = [corner for corner in CORNERS if above[corner]]
     outside = [corner for corner in CORNERS if not above[corner]]
     if not inside or not outside:
@@ -185,8 +184,8 @@ def _polygon(above: list[bool], field: int) -> tuple[list[Node], list[Side]] | N
 
 
 def _is_turned(edges: list[tuple[int, int]], inside: list[int]) -> bool:
-    """Return whether a polygon through edges' middles is clockwise seen from where the field is below 0."""
-    place = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 1]], float)  # a right-handed tetrahedron
+    """Return whether a polygon through the middles of edges is clockwise, seen from where the field is below 0."""
+    place = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 1]], float)  # A right-handed tetrahedron.
     a, b, c = (place[list(edge)].mean(axis=0) for edge in edges[:3])
     u, v = b - a, c - a
     normal = np.array([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]])
@@ -194,7 +193,7 @@ def _is_turned(edges: list[tuple[int, int]], inside: list[int]) -> bool:
 
 
 def _clipped(
-    nodes: list[Node], sides: list[Side], inside: list[bool], keep: bool, field: int, other: int
+    nodes: list[Node], sides: list[Side], inside: list[bool], keep: bool, field: int, cutter: int
 ) -> tuple[list[Node], list[Side]] | None:
     """Return the part of a convex piece on one side of another field's plane."""
     if all(each != keep for each in inside):
@@ -208,7 +207,7 @@ def _clipped(
             out_sides.append(side)
         if inside[at] != following:
             of_side = side if side[0] >= 0 else tuple(CORNERS)
-            cutters = {field, other} if side[0] >= 0 else {field, other, side[1]}
+            cutters = {field, cutter} if side[0] >= 0 else {field, cutter, side[1]}
             out.append((of_side, tuple(sorted(cutters))))
-            out_sides.append((-1, other) if inside[at] == keep else side)
+            out_sides.append((-1, cutter) if inside[at] == keep else side)
     return out, out_sides

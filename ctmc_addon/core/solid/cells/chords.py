@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far vertices on edges of the lattice, and the triangles between them, lie below a field's surface.
+"""Estimate how far vertices on lattice edges, and the triangles between them, lie below a field's surface.
 
-Where a surface bulges, triangles cut something off: a ball of ten steps is 0.6 % too small, of which 0.1 % is by its
-vertices, placed where the field would be 0 if it were linear along the edge.
+Triangles cut off a part of a surface that bulges. A ball of ten steps is 0.6 % too small; 0.1 % of that comes from its
+vertices, which lie where the field would be 0 if it were linear along the edge.
 
-    between vertices   A field that is 0 at both ends of a way e, with gradients g and h there, is (g - h) e / 8 in its
-                       middle; its mean on a triangle is a third of what its three sides have together.
-    along an edge      The gradient's change along the edge tells all but the second derivative along the edge itself.
-                       That follows, since a distance has none along its own gradient.
+    between vertices   A field that is 0 at both ends of a vector e, with gradients g and h there, is (g - h) e / 8 in
+                       the middle. Its mean on a triangle is a third of the sum over the three sides.
+    along an edge      The change of the gradient along the edge gives all but the second derivative along the edge.
+                       That one follows, since a distance has no second derivative along its own gradient.
 
-Both are exact for a quadratic field. At a crease no quadratic fits, and nothing is said.
+Both are exact for a quadratic field. At a crease no quadratic fits, so the depth there is 0.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ from ...mesh.vectors import cross, dot
 from ...progress import PAUSE, Steps
 from ...volume.affine import cofactors, determinant
 from ..fields.lattice import Lattice
-from ..fields.lattice_fields import Field
+from ..fields.lattice_fields import LatticeField
 
-CREASE = 0.4  # A gradient of length 1 that changes more from vertex to vertex, by 23 degrees, is that of a crease.
-STEEPEST = 2.0  # Say nothing about an edge along which the gradient runs less than across it by this factor.
+CREASE = 0.4  # A unit gradient that changes by more than this, 23 degrees, marks a crease.
+STEEPEST = 2.0  # Skip an edge if the gradient is longer by more than this factor than its part along the edge.
 AT_ONCE = 1 << 18
 SIDES = ((0, 1), (1, 2), (2, 0))
 
 
 def gradients_steps(
-    field: Field, lattice: Lattice, keys: NDArray[np.int64], share: Doubles, threads: int
+    field: LatticeField, lattice: Lattice, keys: NDArray[np.int64], share: Doubles, threads: int
 ) -> Steps[tuple[Doubles, Doubles]]:
     """Return the gradients of a distance at vertices on edges of a lattice, and its values there.
 
     Parameters
     ----------
-    field : Field
-        Asked at corners of the cells around the edges.
+    field : LatticeField
+        Sampled at corners of the cells around the edges.
     lattice : Lattice
     keys : (n,) int64
-        `3 * sample + axis`, none in the lattice's border.
+        `3 * sample + axis`; none lies in the border of the lattice.
     share : (n,) float64
-        Of the edge, from the sample to the vertex: where the field is 0 if it is linear.
+        Share of the edge from the sample to the vertex, which lies where a linear field would be 0.
     threads : int
 
     Returns
@@ -65,8 +65,8 @@ def gradients_steps(
             ends = np.stack([low, low + sides[along]])
             asked = np.stack([ends, *(ends + side for axis in across for side in (-sides[axis], sides[axis]))])
             samples, place = np.unique(asked, return_inverse=True)
-            found = (yield from field.values_steps(samples, threads)).astype(np.float64)
-            at = found.take(place.reshape(asked.shape))  # (5, 2, n)
+            at_corners = (yield from field.values_steps(samples, threads)).astype(np.float64)
+            at = at_corners.take(place.reshape(asked.shape))  # (5, 2, n)
             step = _way(lattice, along, low, 0, 1)
             slopes, turns = np.empty((3, len(own))), np.zeros((3, len(own)))
             slopes[along] = (at[0, 1] - at[0, 0]) / step
@@ -83,12 +83,12 @@ def gradients_steps(
 
 
 def _product(matrix: Doubles, vectors: Doubles) -> Doubles:
-    """Return a matrix times vectors (3, n)."""
+    """Multiply vectors (3, n) by a matrix."""
     return np.stack([dot(row[:, None], vectors) for row in matrix])
 
 
 def _way(lattice: Lattice, axis: int, flat: NDArray[np.int64], begin: int, end: int) -> Doubles:
-    """Return the way along an axis between two neighbors of samples."""
+    """Return the vector along an axis between two neighbors of samples."""
     positions = (lattice.x, lattice.y, lattice.z)[axis]
     side = (1, lattice.shape[2], lattice.shape[1] * lattice.shape[2])[axis]
     number = flat // side % len(positions)
@@ -96,7 +96,7 @@ def _way(lattice: Lattice, axis: int, flat: NDArray[np.int64], begin: int, end: 
 
 
 def depths_steps(vertices: Doubles, gradients: Doubles, faces: NDArray[np.int32]) -> Steps[Doubles]:
-    """Return how far the triangles at every vertex lie below the surface on which the vertices lie.
+    """Return how far the triangles at every vertex lie below the surface through the vertices.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def depths_steps(vertices: Doubles, gradients: Doubles, faces: NDArray[np.int32]
     Returns
     -------
     (n,) float64
-        The field's mean on the triangles, by area; 0 for a vertex without any.
+        The mean of the field on the triangles, weighted by area; 0 for a vertex without triangles.
     """
     total, area = np.zeros(vertices.shape[1]), np.zeros(vertices.shape[1])
     for start in range(0, len(faces), AT_ONCE):

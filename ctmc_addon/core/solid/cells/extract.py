@@ -1,24 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Extract parts from several fields at once, with straight rims where two of their surfaces meet.
 
-A part is what the signs of fields say, such as "inside the structure and above the plane". Where only one field
-changes sign in a cell, its surface is that of Marching Cubes, as everywhere else. Cells where two or more matter are
-cut into six tetrahedra (Kuhn 1960), in which all fields are linear: there the surfaces cut each other exactly
-(arrangement.py), rims are straight, and walls thinner than a cell are still whole. Every piece lies in its own cell,
-and cells agree on their common faces, so parts are closed and do not cross; parts that touch share their triangles.
+The signs of fields decide the part, such as "inside the structure and above the plane". Where only one field changes
+sign in a cell, Marching Cubes makes the surface. A cell in which two or more matter is cut into six tetrahedra (Kuhn
+1960), in which all fields are linear: there surfaces cut each other exactly (arrangement.py), rims are straight, and
+walls thinner than a cell stay whole. Every piece lies in its own cell, and cells agree on their common faces, so parts
+are closed and do not cross; parts that touch share their triangles.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Doubles, Flags, Floats
-from ...errors import MeshError, SettingsError
+from ...arrays import Doubles, Flags
+from ...errors import MeshError
 from ...extraction.case_table import FACES, NEAREST
 from ...extraction.grid import Axis
 from ...extraction.interfaces.bands import band_ranges, fill_band, find_band
@@ -29,68 +27,20 @@ from ...mesh.intersections import self_intersections_steps
 from ...mesh.labels.label_complex import ComplexMesh
 from ...progress import PAUSE, Stages, Steps
 from ...volume.affine import to_index, transform_faces, transform_points
-from ..fields.lattice import Lattice
-from ..fields.lattice_fields import Field, HeldField, ShapeField
 from .chords import depths_steps, gradients_steps
-from .rims import CutRims, beside, cut_rims_steps, straighten
+from .recipe import MOST_FIELDS, Recipe
+from .rims import CutRims, cut_rims_steps, straighten, touches_rims
 from .stitch import stitched
 
-MOST_FIELDS = 20
-
-STAGES = {"Deciding samples": 2, "Finding rims": 1, "Crossing cells": 3, "Cutting rims": 4, "Placing vertices": 3}
+STAGES = {
+    "Assigning samples to parts": 2,
+    "Finding rims": 1,
+    "Triangulating cells": 3,
+    "Cutting rims": 4,
+    "Placing vertices": 3,
+}
 POINTS_AT_ONCE = 1 << 18
-MOVES = (0.0, 1 / 64, 1 / 48, 1 / 40)  # Shares of the shortest step.
-
-
-@dataclass(frozen=True, eq=False)
-class Recipe:
-    """What parts are made of.
-
-    Parameters
-    ----------
-    lattice : Lattice
-        Its outermost samples belong to no part.
-    fields : sequence of Field
-    part_of : callable
-        Takes whether each field is above 0, a list of bool arrays; returns the number of the part from 1 on, 0 for
-        none, an array of integers.
-    on_edges : mapping of int to (keys, positions), optional
-        By the number of a field: exact places of its surface on edges of the lattice, as rising `3 * sample + axis`
-        and (n, 3) float32 in RAS+ mm.
-    """
-
-    lattice: Lattice
-    fields: Sequence[Field]
-    part_of: Callable[[list[Flags]], NDArray[Any]]
-    on_edges: dict[int, tuple[NDArray[np.int64], Floats]]
-
-    def table(self) -> NDArray[Any]:
-        """Return the part of every combination of signs, by the number whose bits these are."""
-        count = len(self.fields)
-        if count > MOST_FIELDS:
-            raise SettingsError(
-                f"{count} surfaces and cuts are more than {MOST_FIELDS}; "
-                "make fewer structures or cuts at once, or leave out --base"
-            )
-        words = np.arange(1 << count)
-        parts = self.part_of([(words >> bit & 1).astype(bool) for bit in range(count)])
-        return np.asarray(parts).astype(np.min_scalar_type(int(parts.max())))
-
-    @property
-    def movable(self) -> list[int]:
-        """Numbers of fields that may move a little: shapes, and what tells structures from each other."""
-        kinds = (ShapeField, HeldField)
-        return [at for at, field in enumerate(self.fields) if isinstance(field, kinds[: 2 if at else 1])]
-
-    def moved(self, share: float) -> Recipe:
-        """Return the recipe with movable fields moved inward by up to a share of the shortest step, each more."""
-        step = share * self.lattice.shortest_mm / len(self.fields)
-        fields: list[Field] = list(self.fields)
-        for number in self.movable:
-            field = fields[number]
-            assert isinstance(field, (ShapeField, HeldField)), "these are movable"
-            fields[number] = replace(field, shift=step * (number + 1))
-        return replace(self, fields=fields)
+MOVES = (0.0, 1 / 64, 1 / 48, 1 / 40)  # Shares of the shortest step to move fields by, in order.
 
 
 class Extracted(NamedTuple):
@@ -101,9 +51,9 @@ class Extracted(NamedTuple):
     mesh : ComplexMesh
         RAS+ mm; the sides of triangles are parts, 0 for none.
     crossings : (n, 2) int64
-        Pairs of triangles that cross; none but where moving fields did not help.
+        Pairs of triangles that still cross after fields were moved; usually none.
     recipe : Recipe
-        What it is made of, with its fields moved.
+        The recipe with its fields moved.
     """
 
     mesh: ComplexMesh
@@ -114,14 +64,14 @@ class Extracted(NamedTuple):
 def extract_parts_steps(recipe: Recipe, budget: Budget) -> Steps[Extracted]:
     """Return the surfaces of all parts.
 
-    Where rounding makes triangles of rims cross, which is rare, shapes and the walls between structures are moved a
-    little and cut again; so are those that coincide where a third surface meets them, since no order of their zeros is
-    right there.
+    If rounding makes triangles of rims cross, which is rare, shapes and the walls between structures are moved a little
+    and cut again. The same is done if two surfaces coincide where a third one meets them, because no order of their
+    zeros is right there.
 
     Raises
     ------
     MeshError
-        For surfaces that coincide even so.
+        For surfaces that still coincide.
     """
     stages = Stages({"Extracting": 9, "Looking for parts that cross": 1})
     extracting, looking = stages.shares
@@ -149,7 +99,7 @@ def extract_parts_steps(recipe: Recipe, budget: Budget) -> Steps[Extracted]:
 
 
 def _fits(mesh: ComplexMesh, of_rims: Flags) -> bool:
-    """Return whether the triangles of rims leave no part open: along every edge a part's triangles run both ways."""
+    """Return whether the triangles of rims leave parts closed: along each edge, triangles run in both directions."""
     at_rims = np.zeros(len(mesh.vertices), bool)
     at_rims[mesh.faces[of_rims]] = True
     near = np.count_nonzero(at_rims[mesh.faces], axis=1) > 1
@@ -169,7 +119,7 @@ def _fits(mesh: ComplexMesh, of_rims: Flags) -> bool:
 
 
 def _inner(share: Doubles) -> Doubles:
-    """Return shares of edges that keep away from their ends."""
+    """Return shares of edges, moved away from the ends of the edges."""
     return np.clip(share, NEAREST, 1 - NEAREST)
 
 
@@ -180,16 +130,16 @@ class _Extraction:
         self.recipe, self.lattice, self.fields = recipe, recipe.lattice, recipe.fields
         self.table, self.threads = recipe.table(), budget.thread_count
         self.shape = self.lattice.shape
-        self.steps = (1, self.shape[2], self.shape[1] * self.shape[2])  # of flat numbers along x, y, z
+        self.steps = (1, self.shape[2], self.shape[1] * self.shape[2])  # Steps of flat indices along x, y, z.
         self.corners = np.array([sum(self.steps[axis] * (c >> axis & 1) for axis in range(3)) for c in range(8)])
         self.stages = Stages(STAGES)
 
     def result_steps(self) -> Steps[ComplexMesh]:
         """Run all stages."""
         stages = self.stages
-        yield from stages.run("Deciding samples", self._words_steps())
+        yield from stages.run("Assigning samples to parts", self._words_steps())
         yield from stages.run("Finding rims", self._rims_steps())
-        yield from stages.run("Crossing cells", self._cells_steps())
+        yield from stages.run("Triangulating cells", self._cells_steps())
         yield from stages.run("Cutting rims", self._cut_steps())
         return (yield from stages.run("Placing vertices", self._placed_steps()))
 
@@ -210,7 +160,7 @@ class _Extraction:
         yield from map_steps(decide, parts, self.threads)
 
     def _rims_steps(self) -> Steps[None]:
-        """Find the cells in which two fields or more decide, (n,) flat numbers of their lowest samples."""
+        """Find the cells in which two fields or more decide, (n,) flat indices of their lowest samples."""
         counts = np.array([bin(word).count("1") for word in range(1 << min(len(self.fields), 16))], np.uint8)
 
         def several(layers: tuple[int, int]) -> tuple[NDArray[np.intp], ...]:
@@ -235,8 +185,8 @@ class _Extraction:
         step = max(1, (1 << 20) // (self.shape[1] * self.shape[2]))
         last = self.shape[0] - 1
         parts = [(low, min(low + step, last)) for low in range(0, last, step)]
-        found = yield from map_steps(several, parts, self.threads)
-        flat, active, base = (np.concatenate(each) for each in zip(*found, strict=True))
+        cells_of_parts = yield from map_steps(several, parts, self.threads)
+        flat, active, base = (np.concatenate(each) for each in zip(*cells_of_parts, strict=True))
         keys, group = np.unique(active << MOST_FIELDS | base, return_inverse=True)
         matters = np.array(
             [self._deciding(key >> MOST_FIELDS, key & (1 << MOST_FIELDS) - 1) for key in keys.tolist()] or [0]
@@ -245,7 +195,7 @@ class _Extraction:
         yield from self._grown_steps()
 
     def _deciding(self, active: int, base: int) -> int:
-        """Return how many of the active fields change the part where the others are as in `base`."""
+        """Return how many of the active fields change the part if the rest are as in `base`."""
         bits = [bit for bit in range(len(self.fields)) if active >> bit & 1]
         words = [base]
         for bit in bits:
@@ -273,7 +223,7 @@ class _Extraction:
         self.rims = np.flatnonzero(self.is_rim)
 
     def _cells_steps(self) -> Steps[None]:
-        """Make the triangles of all other cells, as those of labels that touch are made."""
+        """Make the triangles of all other cells in the way of labels that touch."""
         axes = [
             Axis(along.astype(np.float32), np.arange(len(along)), 0, len(along), 1, False)
             for along in (self.lattice.x, self.lattice.y, self.lattice.z)
@@ -288,8 +238,8 @@ class _Extraction:
 
         def fill(at: int) -> tuple[NDArray[np.int32], NDArray[Any]]:
             above = (None, []) if at + 1 == len(bands) else (bands[at + 1], starts[at + 1].tolist())
-            made = fill_band(owners, bands[at], starts[at].tolist(), *above)
-            return made.faces, made.sides
+            band = fill_band(owners, bands[at], starts[at].tolist(), *above)
+            return band.faces, band.sides
 
         filled = yield from map_steps(fill, range(len(bands)), self.threads)
         self.faces = np.concatenate([faces for faces, _ in filled])
@@ -305,7 +255,7 @@ class _Extraction:
         self.in_use[self.faces] = True
 
     def _cut_steps(self) -> Steps[None]:
-        """Cut the rims' cells into tetrahedra and these into pieces; join them to the other cells."""
+        """Cut the cells of rims into tetrahedra and these into pieces; join them to the other cells."""
         self.cut: CutRims | None = None
         self.chains: dict[tuple[int, int], list[int]] = {}
         if not len(self.rims):
@@ -320,11 +270,11 @@ class _Extraction:
         used = np.zeros(len(self.keys) + nodes, bool)
         used[self.faces] = True
         places = np.zeros((len(used), 3))
-        exact = np.full(len(used), -1, np.intp)  # Number of the exact place, of the vertex' field.
+        exact = np.full(len(used), -1, np.intp)  # Index of the exact position for the vertex's field.
         of_field = np.full(len(used), -1, np.intp)
         yield from self._place_edges_steps(places, used, exact, of_field)
         if self.cut is not None:
-            self._place_nodes(self.cut, places, exact, of_field)
+            self._place_nodes(self.cut, places)
         yield PAUSE
         vertices = np.empty((len(used), 3), np.float32)
         for start in range(0, len(used), POINTS_AT_ONCE):
@@ -342,7 +292,7 @@ class _Extraction:
     def _place_edges_steps(
         self, places: Doubles, used: Flags, exact: NDArray[np.intp], of_field: NDArray[np.intp]
     ) -> Steps[None]:
-        """Place the vertices of cells where the field that decides is 0."""
+        """Place the vertices of cells where the deciding field is 0."""
         own = np.flatnonzero(used[: len(self.keys)])
         flat, axis = np.divmod(self.keys[own], 3)
         high = flat + np.array(self.steps).take(axis)
@@ -367,9 +317,9 @@ class _Extraction:
         depth = yield from self._depths_steps(places, own[moved], field_of[moved], at_ends[:, moved])
         low, beyond = at_ends[:, moved]
         yield from self._at_shares_steps(places, own[moved], (low + depth) / (low - beyond))
-        known = np.flatnonzero(exact[own] >= 0)
-        if len(known):
-            self._at_exact(places, own[known], field_of[known], exact)
+        with_exact = np.flatnonzero(exact[own] >= 0)
+        if len(with_exact):
+            self._at_exact(places, own[with_exact], field_of[with_exact], exact)
 
     def _at_shares_steps(self, places: Doubles, vertices: NDArray[np.intp], share: Doubles) -> Steps[None]:
         """Place vertices at shares of their edges."""
@@ -385,16 +335,16 @@ class _Extraction:
     ) -> Steps[Doubles]:
         """Return how far vertices and the triangles around them lie below the surfaces of fields that keep volume."""
         keeps = np.array([field.keeps_volume for field in self.fields])
-        free = keeps.take(field_of) & ~beside(self.is_rim, self.keys[vertices], self.steps)
+        free = keeps.take(field_of) & ~touches_rims(self.is_rim, self.keys[vertices], self.steps)
         gradients, depths = np.zeros((3, len(places))), np.zeros(len(places))
         for field in np.unique(field_of[free]).tolist():
             own = np.flatnonzero(free & (field_of == field))
             share = _inner(at_ends[0, own] / (at_ends[0, own] - at_ends[1, own]))
             asking = gradients_steps(self.fields[field], self.lattice, self.keys[vertices[own]], share, self.threads)
             gradients[:, vertices[own]], depths[vertices[own]] = yield from asking
-        known = np.zeros(len(places), bool)
-        known[vertices[free]] = True
-        faces = self.faces[known[self.faces].all(axis=1)]
+        is_free = np.zeros(len(places), bool)
+        is_free[vertices[free]] = True
+        faces = self.faces[is_free[self.faces].all(axis=1)]
         points = np.ascontiguousarray(transform_points(self.lattice.affine, places).T)
         depths += yield from depths_steps(points, gradients, faces)
         return depths[vertices]
@@ -402,21 +352,21 @@ class _Extraction:
     def _at_exact(
         self, places: Doubles, vertices: NDArray[np.intp], fields: NDArray[np.intp], exact: NDArray[np.intp]
     ) -> None:
-        """Place vertices in index space where they are known in mm."""
+        """Place vertices with exact positions in mm in index space."""
         for field, (_, positions) in self.recipe.on_edges.items():
             own = vertices[fields == field]
             places[own] = to_index(self.lattice.affine, positions[exact[own]].astype(np.float64))
 
     def _exact(self, field: int, keys: NDArray[np.int64]) -> NDArray[np.intp]:
-        """Return the number of the exact place on every edge, -1 where there is none."""
-        known, _ = self.recipe.on_edges.get(field, (np.empty(0, np.int64), None))
-        if not len(known):
+        """Return the index of the exact position on every edge, -1 for none."""
+        edges, _ = self.recipe.on_edges.get(field, (np.empty(0, np.int64), None))
+        if not len(edges):
             return np.full(len(keys), -1, np.intp)
-        place = np.minimum(np.searchsorted(known, keys), len(known) - 1)
-        return np.where(known[place] == keys, place, -1)
+        place = np.minimum(np.searchsorted(edges, keys), len(edges) - 1)
+        return np.where(edges[place] == keys, place, -1)
 
-    def _place_nodes(self, cut: CutRims, places: Doubles, exact: NDArray[np.intp], of_field: NDArray[np.intp]) -> None:
-        """Place the nodes of rims; those on segments between cells' vertices lie straight between them."""
+    def _place_nodes(self, cut: CutRims, places: Doubles) -> None:
+        """Place the nodes of rims; those on a segment between vertices of cells lie exactly on it."""
         first, nodes = len(self.keys), cut.nodes
         codes, lowest = nodes.codes, self._index(nodes.lowest)
         at = lowest.copy()
@@ -429,7 +379,7 @@ class _Extraction:
             straighten(places, nodes, self.chains, lowest, sides)
 
     def _index(self, flat: NDArray[np.intp]) -> Doubles:
-        """Return the places of samples in index space, (n, 3)."""
+        """Return the positions of samples in index space, (n, 3)."""
         z, rest = np.divmod(flat, self.steps[2])
         y, x = np.divmod(rest, self.steps[1])
         return np.stack([self.lattice.x.take(x), self.lattice.y.take(y), self.lattice.z.take(z)], axis=1)

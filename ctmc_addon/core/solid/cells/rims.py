@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cut cells into tetrahedra, and these into the pieces that several fields leave of each other's surfaces."""
+"""Cut cells into tetrahedra, and the surfaces of several fields in each tetrahedron into pieces."""
 
 from __future__ import annotations
 
@@ -14,27 +14,28 @@ from numpy.typing import NDArray
 from ...arrays import Doubles, Flags, Floats
 from ...extraction.case_table import NEAREST
 from ...progress import PAUSE, Step, Steps
-from ..fields.lattice_fields import Field
+from ..fields.lattice_fields import LatticeField
 from .arrangement import Node, pieces_of, signs_of, zero_of
 
 TETRAHEDRA = np.array([[0, 1 << a, 1 << a | 1 << b, 7] for a, b, _ in permutations(range(3))], np.intp)
-"""(6, 4) corners of a cell; bits of a corner are its places along x, y and z (Kuhn 1960)."""
+"""(6, 4) corners of a cell; the bits of a corner are its positions along x, y and z (Kuhn 1960)."""
 TURNED = np.array([order not in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) for order in permutations(range(3))])
-AXES_OF_FACE = np.array([(-1, -1)] * 3 + [(0, 1), (-1, -1), (0, 2), (1, 2), (-1, -1)])  # By the way along a diagonal.
+AXES_OF_FACE = np.array([(-1, -1)] * 3 + [(0, 1), (-1, -1), (0, 2), (1, 2), (-1, -1)])
+"""The two axes of a face, by the code of its diagonal; -1 if the code is not that of a diagonal."""
 CODE_BITS, FIELD_BITS = 3, 5
 FIELDS_OF_NODE, CORNERS_OF_NODE = 3, 4
-APART = 2.0**-12  # Least way between two vertices on one edge, as a share of it.
-INSIDE = 2.0**-14  # Least weight of a corner at a point inside a face or a tetrahedron.
+APART = 2.0**-12  # Two vertices on one edge are at least this share of it apart.
+INSIDE = 2.0**-14  # A point inside a face or tetrahedron gives each corner at least this weight.
 
 
 @dataclass(frozen=True, eq=False)
-class Nodes:
-    """Vertices of pieces, by the lattice's samples around them.
+class RimNodes:
+    """Vertices of pieces, named by the lattice samples around them.
 
     Parameters
     ----------
     keys : (n,) int64
-        Rising; lowest sample, the way from it to the others, and the fields that are 0.
+        Rising: the lowest sample, the offsets from it to the other samples, and the fields that are 0.
     """
 
     keys: NDArray[np.int64]
@@ -47,7 +48,7 @@ class Nodes:
 
     @property
     def codes(self) -> NDArray[np.intp]:
-        """Ways from the lowest sample to the others, (n, 3): bits along x, y and z; 0 for none."""
+        """Offsets from the lowest sample to the other samples, (n, 3): bits along x, y and z; 0 for none."""
         shifts = FIELD_BITS * FIELDS_OF_NODE + CODE_BITS * np.arange(CORNERS_OF_NODE - 1)
         return np.asarray(self.keys[:, None] >> shifts & (1 << CODE_BITS) - 1, np.intp)
 
@@ -63,30 +64,30 @@ class CutRims:
 
     Parameters
     ----------
-    nodes : Nodes
+    nodes : RimNodes
     weights : (n, 4) float64
-        Weights of the lowest sample and the others at every node.
+        Weights of the samples around every node, the lowest first.
     faces : (f, 3) intp
         Numbers of nodes, counter-clockwise in index space.
     sides : (f, 2) unsigned
-        Parts behind and in front; behind is the larger.
+        Parts behind and in front of each triangle; the part behind has the larger number.
     """
 
-    nodes: Nodes
+    nodes: RimNodes
     weights: Doubles
     faces: NDArray[np.intp]
     sides: NDArray[Any]
 
 
 def cut_rims_steps(
-    fields: Sequence[Field],
+    fields: Sequence[LatticeField],
     table: NDArray[Any],
     words: NDArray[Any],
     cells: NDArray[np.intp],
     corners: NDArray[np.intp],
     threads: int,
 ) -> Steps[CutRims]:
-    """Return the triangles in cells, (n,) by their lowest samples; `corners` (8,) lead from there to the others."""
+    """Return the triangles in cells, given by their lowest samples (n,); `corners` (8,) are the offsets of a cell."""
     samples = np.unique((cells[:, None] + corners).reshape(-1))
     yield PAUSE
     cell, tetrahedron = np.repeat(cells, len(TETRAHEDRA)), np.tile(np.arange(len(TETRAHEDRA)), len(cells))
@@ -141,15 +142,15 @@ def cut_rims_steps(
             yield PAUSE
     if not keys:
         nothing = np.empty((0, 3), np.int64)
-        return CutRims(Nodes(nothing[:, 0]), np.empty((0, 4)), nothing, np.empty((0, 2), table.dtype))
+        return CutRims(RimNodes(nothing[:, 0]), np.empty((0, 4)), nothing, np.empty((0, 2), table.dtype))
     unique, faces = np.unique(np.concatenate(keys).reshape(-1), return_inverse=True)
     yield PAUSE
-    nodes = Nodes(unique)
+    nodes = RimNodes(unique)
     return CutRims(nodes, _weights(nodes, samples, values, corners), faces.reshape(-1, 3), np.concatenate(sides))
 
 
 def _with_walls(table: NDArray[Any], active: NDArray[np.intp], base: NDArray[np.intp]) -> Flags:
-    """Return whether parts may differ in a tetrahedron, by the fields that change sign there and those that do not."""
+    """Return whether parts may differ in a tetrahedron, by its fields that change sign and those that do not."""
     both = np.stack([active, base], axis=1)
     unique, group = np.unique(both, axis=0, return_inverse=True)
     differs = []
@@ -165,7 +166,7 @@ def _with_walls(table: NDArray[Any], active: NDArray[np.intp], base: NDArray[np.
 def _keys(
     node: Node, fields: Sequence[int], cell: NDArray[np.intp], corner_of: NDArray[np.intp], corners: NDArray[np.intp]
 ) -> NDArray[np.int64]:
-    """Return the keys of a node in tetrahedra, (n,)."""
+    """Return the keys of one node in several tetrahedra, (n,)."""
     of_corners, of_fields = node
     lowest = corner_of[:, of_corners[0]]
     key = (cell + corners[lowest]).astype(np.int64)
@@ -177,7 +178,9 @@ def _keys(
     return key
 
 
-def _weights(nodes: Nodes, samples: NDArray[np.intp], values: dict[int, Floats], corners: NDArray[np.intp]) -> Doubles:
+def _weights(
+    nodes: RimNodes, samples: NDArray[np.intp], values: dict[int, Floats], corners: NDArray[np.intp]
+) -> Doubles:
     """Return the weights of the samples around every node, (n, 4)."""
     fields, codes, lowest = nodes.fields, nodes.codes, nodes.lowest
     at_zero = np.count_nonzero(fields >= 0, axis=1)
@@ -194,18 +197,18 @@ def _weights(nodes: Nodes, samples: NDArray[np.intp], values: dict[int, Floats],
             for field in np.unique(fields[own, place]).tolist():
                 which = np.flatnonzero(fields[own, place] == field)
                 of_fields[which, place] = values[field][ranks[own[which], : count + 1]]
-        found = zero_of(of_fields)
+        weights_at_zero = zero_of(of_fields)
         least = NEAREST if count == 1 else INSIDE
-        found = np.clip(found, least, None)
-        total = found[:, 0].copy()
+        weights_at_zero = np.clip(weights_at_zero, least, None)
+        total = weights_at_zero[:, 0].copy()
         for corner in range(1, count + 1):
-            total += found[:, corner]
-        weights[own, : count + 1] = found / total[:, None]
+            total += weights_at_zero[:, corner]
+        weights[own, : count + 1] = weights_at_zero / total[:, None]
     _part_crowded(nodes, weights, at_zero)
     return weights
 
 
-def _part_crowded(nodes: Nodes, weights: Doubles, at_zero: NDArray[np.intp]) -> None:
+def _part_crowded(nodes: RimNodes, weights: Doubles, at_zero: NDArray[np.intp]) -> None:
     """Move vertices on one edge apart, in place."""
     own = np.flatnonzero(at_zero == 1)
     edge = nodes.keys[own] >> FIELD_BITS * FIELDS_OF_NODE
@@ -228,28 +231,28 @@ def _part_crowded(nodes: Nodes, weights: Doubles, at_zero: NDArray[np.intp]) -> 
 
 
 def straighten(
-    places: Doubles, nodes: Nodes, chains: dict[tuple[int, int], list[int]], lowest: Doubles, sides: Doubles
+    places: Doubles, nodes: RimNodes, chains: dict[tuple[int, int], list[int]], lowest: Doubles, sides: Doubles
 ) -> None:
-    """Place the nodes between vertices of cells on the segments between these, in place.
+    """Move nodes between two vertices of cells onto the segment between them, in place.
 
-    One on the diagonal of a face goes to where the segment crosses it.
+    A node on the diagonal of a face goes to where the segment crosses the diagonal.
 
     Parameters
     ----------
     places : (n, 3) float64
         Vertices in index space, those of nodes last.
-    nodes : Nodes
+    nodes : RimNodes
     chains : mapping of (int, int) to list of int
         As in `Stitched`.
     lowest, sides : (m, 3) float64
-        Places of the nodes' lowest samples, and sides of the cells there.
+        Positions of the nodes' lowest samples, and sides of the cells there.
     """
     first = len(places) - len(nodes.keys)
     vertices = np.array([node for chain in chains.values() for node in chain])  # (n,)
     ends = np.array([ends for ends, chain in chains.items() for _ in chain])  # (n, 2)
     own = vertices - first
     codes = nodes.codes[own]
-    axes = AXES_OF_FACE[codes[:, 0]]  # (n, 2), -1 for no face
+    axes = AXES_OF_FACE[codes[:, 0]]  # (n, 2), -1 if the node is not on a face
     each = np.flatnonzero((axes[:, 0] >= 0) & (codes[:, 1] == 0))
     vertices, ends, own, axes = vertices[each], ends[each], own[each], axes[each]
     rows = np.arange(len(own))[:, None]
@@ -268,7 +271,7 @@ def straighten(
 
 
 def _along(start: Doubles, end: Doubles, between: Doubles) -> Doubles:
-    """Return places (n, 3) moved to the segment between two others, in their order."""
+    """Return positions (n, 3) moved onto the segment from `start` to `end`, in their order."""
     way = end - start
     shares = ((between - start) * way).sum(axis=1) / (way * way).sum()
     gap = min(1 / 64, 1 / (2 * len(shares) + 2))
@@ -278,8 +281,8 @@ def _along(start: Doubles, end: Doubles, between: Doubles) -> Doubles:
     return np.asarray(start + shares[:, None] * way)
 
 
-def beside(is_rim: Flags, keys: NDArray[np.int64], steps: tuple[int, int, int]) -> Flags:
-    """Return whether any of the four cells around edges, `3 * sample + axis`, is a rim's."""
+def touches_rims(is_rim: Flags, keys: NDArray[np.int64], steps: tuple[int, int, int]) -> Flags:
+    """Return whether any of the four cells around each edge, `3 * sample + axis`, holds a rim."""
     flat, axis = np.divmod(keys, 3)
     first, second = (np.array(steps).take((axis + turn) % 3) for turn in (1, 2))
     out = is_rim[flat]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Join the triangles of rims to those of the cells around.
+"""Join the triangles of rims to those of the cells around them.
 
-On a face between both, Marching Cubes draws one segment, and tetrahedra draw it in two along the face's diagonal, or
-in more where a field crosses that changes no part. The cell's triangle at that segment gets these vertices too.
+On a face between both, Marching Cubes draws one segment. Tetrahedra split it at the diagonal of the face, and again
+where a field crosses that changes no part. The triangle of the cell at that segment gets these vertices too.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ AXIS_OF_CODE = np.array([-1, 0, 1, -1, 2, -1, -1, -1])
 
 
 class Stitched(NamedTuple):
-    """All triangles.
+    """The joined triangles.
 
     Parameters
     ----------
     faces : (f, 3) int32
-        Vertices: those of cells, then those of nodes.
+        Vertices of cells come first, then nodes.
     sides : (f, 2) unsigned
     chains : mapping of (int, int) to list of int
-        Nodes on the segment between two vertices of cells, from the first to the second, by the numbers of vertices.
+        Nodes on the segment between two vertices of cells, in order from the first to the second.
     """
 
     faces: NDArray[np.int32]
@@ -38,7 +38,7 @@ class Stitched(NamedTuple):
 def stitched(
     faces: NDArray[np.int32], sides: NDArray[Any], cut: CutRims, keys: NDArray[np.int64], in_use: Flags
 ) -> Stitched:
-    """Return the triangles of cells and of rims with common vertices.
+    """Return the triangles of cells and of rims, which share vertices.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def stitched(
     keys : (V,) int64
         The edge of every vertex of cells, `3 * sample + axis`.
     in_use : (V,) bool
-        Whether a triangle of cells has it.
+        Whether a triangle of cells uses the vertex.
     """
     number = len(keys) + np.arange(len(cut.nodes.keys))
     axis = np.where((cut.nodes.codes[:, 1:] == 0).all(axis=1), AXIS_OF_CODE[cut.nodes.codes[:, 0]], -1)
@@ -73,7 +73,7 @@ def stitched(
 
 
 def _chains(faces: NDArray[np.intp], first_node: int) -> dict[tuple[int, int], list[int]]:
-    """Return the nodes between two vertices of cells along open edges, by these two, the lower first."""
+    """Return the nodes along open edges between two vertices of cells, by these two, the lower first."""
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     size = int(edges.max(initial=0)) + 1
     unique, count = np.unique(edges[:, 0] * size + edges[:, 1], return_counts=True)
@@ -101,7 +101,7 @@ def _chains(faces: NDArray[np.intp], first_node: int) -> dict[tuple[int, int], l
 def _split(
     faces: NDArray[np.int32], sides: NDArray[Any], chains: dict[tuple[int, int], list[int]], count: int
 ) -> tuple[NDArray[np.int32], NDArray[Any], list[int]]:
-    """Split the triangles of cells at chains; return new triangles, their sides, and the numbers of old ones."""
+    """Split triangles of cells at chains; return the new triangles, their sides, and the numbers of those split."""
     at_end = np.zeros(count, bool)
     at_end[[vertex for ends in chains for vertex in ends]] = True
     near = np.flatnonzero(np.count_nonzero(at_end[faces], axis=1) > 1)
@@ -119,14 +119,14 @@ def _split(
         if not runs:
             continue
         split.append(triangle)
-        made = _fans(loop, corners)
-        new += made
-        new_sides += [sides[triangle]] * len(made)
+        fans = _fans(loop, corners)
+        new += fans
+        new_sides += [sides[triangle]] * len(fans)
     return (np.array(new, np.int32).reshape(-1, 3), np.array(new_sides, sides.dtype).reshape(-1, 2), split)
 
 
 def _fans(loop: list[int], corners: list[int]) -> list[tuple[int, int, int]]:
-    """Cut a triangle with further vertices on its sides into triangles, none of them along a side.
+    """Cut a triangle with further vertices on its sides into triangles with an area.
 
     Examples
     --------

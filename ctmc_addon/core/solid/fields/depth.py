@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Depth below the surface of a solid, asked at points: what the placing of pegs and drains is measured by.
+"""Measure the depth of points below the surface of a solid, to place pegs and drains.
 
 Distances are in mm, positive inside. Points are (3, n) float64, RAS+ mm.
 """
@@ -29,7 +29,7 @@ def depth_below(surface: SignedSurface, thicken: float = 0.0, wall: float = 0.0,
     wall : float
         Thickness of the wall of a hollow, mm; 0 for none.
     threads : int, optional
-        By default one for each processor.
+        Default: one for each processor.
     """
 
     def depth_steps(points: Doubles) -> Steps[Doubles]:

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Exact distances from a lattice's samples to a closed mesh, worked out only where a level passes.
+"""Measure exact distances from the samples of a lattice to a closed mesh, only where a level passes.
 
-Distances are in mm, positive inside. A distance changes by no more than the way does, so a sample tells on which side
-of the levels others are: all samples of a block of 8, 4 or 2 cells a side, by the one in the middle, or its neighbors.
-Where a surface was extracted on the lattice, an inside sample with an outside one within 2 mm is closer than 2 mm to
-the surface, too: without a measurement it is not above a level of 2 mm. Blocks that are undecided are halved along
-each axis. In the end those samples are measured that are corners of cells with corners on both sides of a level.
+Distances are in mm, positive inside. Between two points the distance changes by no more than they are apart, so one
+sample decides on which side of the levels samples near it are: the middle one for a block of 8, 4 or 2 cells a side.
+If the surface was extracted on the lattice, an inside sample with an outside one within 2 mm is closer than 2 mm to
+the surface, so it is not above a level of 2 mm, without a measurement. Undecided blocks are halved along each axis. At
+the end, samples are measured if they are corners of a cell with corners on both sides of a level.
 """
 
 from __future__ import annotations
@@ -26,12 +26,13 @@ from .lattice import Lattice
 from .nearby import WORD, Words, nearby_steps, packed, unpacked, words_of
 
 LARGEST = 8  # Begin with blocks of this many cells a side.
-BLOCKS_AT_ONCE = 1 << 14  # Halve this many of them at once.
+BLOCKS_AT_ONCE = 1 << 14  # Halve this many blocks at once.
 POINTS_AT_ONCE = 1 << 19
 SAMPLES_AT_ONCE = 1 << 23
-SLACK = 1 + 2.0**-16  # Reach farther by this factor: distances are rounded to float32.
-OPEN, KNOWN, REQUIRED, EXACT = np.arange(4, dtype=np.uint8)  # KNOWN: the value is on the right side of all levels.
-WORK_BYTES = 400 << 20  # Blocks of work take this much at most.
+SLACK = 1 + 2.0**-16  # Extend reaches by this factor, because distances are rounded to float32.
+OPEN, DECIDED, REQUIRED, EXACT = np.arange(4, dtype=np.uint8)
+"""State of a sample; the value of a decided one is on the right side of all levels."""
+WORK_BYTES = 400 << 20  # Blocks in work take at most this many bytes.
 
 Offset = tuple[int, int, int]
 CORNERS: tuple[Offset, ...] = tuple((z, y, x) for z in (0, 1) for y in (0, 1) for x in (0, 1))
@@ -41,7 +42,7 @@ ORDER = [[offset for offset in OFFSETS if offset.count(1) == odd] for odd in (3,
 
 
 def distances_bytes(lattice: Lattice) -> int:
-    """Return the bytes that `distances_steps` needs beside the surface, with its result and a mask of the inside."""
+    """Return the bytes that `distances_steps` needs for its work, its result and a mask of the inside."""
     depth, height, width = lattice.shape
     return 7 * depth * height * width + WORK_BYTES
 
@@ -54,7 +55,7 @@ def at_samples_steps(
     budget: Budget | None = None,
     limit: float = np.inf,
 ) -> Steps[Floats]:
-    """Return the exact signed distance of some samples.
+    """Return the exact signed distance of samples.
 
     Parameters
     ----------
@@ -63,10 +64,10 @@ def at_samples_steps(
     flat : (n,) int64
         Flat indices of samples.
     inside : (z, y, x) bool, optional
-        Which samples are inside; without it, a `SignedSurface` tells.
+        Whether each sample is inside; by default, a `SignedSurface` decides.
     budget : Budget, optional
     limit : float
-        mm; distances above it are infinite, unless a `SignedSurface` gives the sign.
+        Distances above this many mm are infinite, unless a `SignedSurface` gives the sign.
 
     Returns
     -------
@@ -86,13 +87,13 @@ def at_samples_steps(
         points = lattice.points(x, y, z).T
         if inside is not None:
             unsigned = tree.tree if isinstance(tree, SignedSurface) else tree
-            found = yield from equal_part(unsigned.distances_steps(points, limit, threads), number, len(parts))
-            out[part] = np.where(inside[z, y, x], found, -found)
+            distances = yield from equal_part(unsigned.distances_steps(points, limit, threads), number, len(parts))
+            out[part] = np.where(inside[z, y, x], distances, -distances)
             continue
         if not isinstance(tree, SignedSurface) or not tree.closed:
             raise MeshError("an open surface has no inside; close its border")
-        found, _ = yield from equal_part(tree.distances_steps(points, threads), number, len(parts))
-        out[part] = -found
+        distances, _ = yield from equal_part(tree.distances_steps(points, threads), number, len(parts))
+        out[part] = -distances
     return out
 
 
@@ -113,7 +114,7 @@ def distances_steps(
     levels : sequence of float
         mm, positive inside.
     inside : (z, y, x) bool, optional
-        Which samples are inside a surface that was extracted on this lattice; without it, a `SignedSurface` tells.
+        Whether each sample is inside a surface extracted on this lattice; by default, a `SignedSurface` decides.
     budget : Budget, optional
 
     Returns
@@ -127,7 +128,7 @@ def distances_steps(
     MeshError
         If nothing tells which side is inside.
     """
-    field = _Field(tree, lattice, levels, inside, budget)
+    field = _LevelDistances(tree, lattice, levels, inside, budget)
     if inside is not None:
         yield from timed_steps(field.near_surface_steps(inside), 0.0, 0.1)
     undecided, _ = yield from timed_steps(field.blocks_steps(), 0.1, 0.2)
@@ -136,8 +137,8 @@ def distances_steps(
     return field.values
 
 
-class _Field:
-    """Distances in the making; blocks are the indices of their lowest samples, (3, n) along z, y and x."""
+class _LevelDistances:
+    """Distances while they are measured. A block is given by its lowest sample, (3, n) along z, y and x."""
 
     def __init__(
         self,
@@ -153,7 +154,7 @@ class _Field:
         axes = lattice.affine[:3, 2::-1]
         self.products = np.abs((axes[:, :, None] * axes[:, None, :]).sum(axis=0))
         given = np.array(levels, np.float64)
-        # `inside` tells where a surface that was extracted on this lattice passes.
+        # `inside` shows where a surface extracted on this lattice passes.
         self.at_surface = inside is not None and bool((given == 0.0).any())
         self.levels = np.unique(given[given != 0.0] if inside is not None else given)
         self.most = float(np.abs(self.levels).max(initial=0.0))
@@ -165,13 +166,13 @@ class _Field:
         self.layers = parts_of(lattice.shape[0], max(1, SAMPLES_AT_ONCE // (lattice.shape[1] * lattice.shape[2])))
 
     def near_surface_steps(self, inside: Flags) -> Steps[None]:
-        """Give a value to samples that are surely between the surface and the levels next to it."""
+        """Give a value to samples that certainly lie between the surface and the levels next to it."""
         depth, height, width = self.lattice.shape
         words: Words = np.empty((depth, height, words_of(width)), WORD)
         for part in self.layers:
             words[part] = packed(inside[part])
             yield PAUSE
-        near_outside: Words | None = None  # None: all are near enough.
+        near_outside: Words | None = None  # None if all are near enough.
         near_inside: Words | None = None
         if self.lowest < self.far:
             near_outside = yield from equal_part(
@@ -182,7 +183,7 @@ class _Field:
         for part in self.layers:
             here, values, state = inside[part], self.values[part], self.state[part]
             values[:] = np.where(here, np.float32(self.lowest / 2), np.float32(self.highest / 2))
-            state[:] = KNOWN
+            state[:] = DECIDED
             if near_outside is not None:
                 state[here & ~unpacked(near_outside[part], width)] = OPEN
             if near_inside is not None:
@@ -190,7 +191,7 @@ class _Field:
             yield PAUSE
 
     def blocks_steps(self) -> Steps[Indices]:
-        """Give a value to the samples of the largest blocks that are decided; return the others."""
+        """Give a value to the samples of the largest blocks that are decided; return the undecided blocks."""
         self.has_open = (yield from _has_open_steps(self.state)) if self.inside is not None else None
         counts = tuple(-(-size // LARGEST) for size in self.lattice.shape)
         low = np.stack(np.unravel_index(np.arange(counts[0] * counts[1] * counts[2]), counts)) * LARGEST
@@ -204,12 +205,12 @@ class _Field:
             )
             here = (self.state[layers] == OPEN) & ~open_
             np.copyto(self.values[layers], of_samples, where=here)
-            np.copyto(self.state[layers], KNOWN, where=here)
+            np.copyto(self.state[layers], DECIDED, where=here)
             yield PAUSE
         return low[:, undecided]
 
     def halve_steps(self, undecided: Indices) -> Steps[None]:
-        """Halve blocks until the samples are known whose distance is required."""
+        """Halve blocks until it is clear which distances are required."""
         parts = parts_of(undecided.shape[1], BLOCKS_AT_ONCE)
         for number, part in enumerate(parts):
             low, edge = undecided[:, part], LARGEST
@@ -224,9 +225,9 @@ class _Field:
             yield from equal_part(self._samples_steps(low), number, len(parts))
 
     def _decide_steps(self, low: Indices, edge: int) -> Steps[tuple[Floats, Flags]]:
-        """Return a value for the samples of every block, and which blocks it is not good for.
+        """Return a value for the samples of every block, and the blocks that stay undecided.
 
-        Blocks with open samples and others are near a level for sure: they are not measured.
+        Blocks with only some open samples are certainly near a level, so they are not measured.
         """
         fill = np.zeros(low.shape[1], np.float32)
         undecided, asked = np.zeros(low.shape[1], bool), np.arange(low.shape[1])
@@ -247,20 +248,20 @@ class _Field:
         return fill, undecided
 
     def _samples_steps(self, low: Indices) -> Steps[None]:
-        """Learn the side of every sample of blocks of 2 cells a side; require the corners of cells on both sides."""
+        """Decide the side of every sample in blocks of 2 cells a side; require the corners of cells on both sides."""
         measured: list[Offset] = []
         for offsets in ORDER:
-            found = []
+            required_flat = []
             for offset in offsets:
-                self._infer(low, offset, [other for other in measured if _touch(other, offset)])
+                self._infer(low, offset, [earlier for earlier in measured if _touch(earlier, offset)])
                 yield PAUSE
             for offset in offsets:
                 flat = self._flat(np.minimum(low + np.array(offset)[:, None], self.last))
                 flat = np.unique(flat[self.state.take(flat) == OPEN])
                 self.state.reshape(-1)[flat] = REQUIRED
-                found.append(flat)
+                required_flat.append(flat)
                 yield PAUSE
-            yield from self._measure_steps(np.concatenate(found))
+            yield from self._measure_steps(np.concatenate(required_flat))
             measured += offsets
         sides = {}
         for offset in OFFSETS:
@@ -284,27 +285,27 @@ class _Field:
             self.state.reshape(-1)[flat[self.state.take(flat) != EXACT]] = REQUIRED
             yield PAUSE
 
-    def _infer(self, low: Indices, offset: Offset, others: Sequence[Offset]) -> None:
-        """Give a value to the open samples at an offset from blocks if an exact one at another tells their side."""
+    def _infer(self, low: Indices, offset: Offset, neighbors: Sequence[Offset]) -> None:
+        """Give a value to the open samples at an offset in blocks if an exact one at another offset decides it."""
         values, state = self.values.reshape(-1), self.state.reshape(-1)
-        for other in others:
+        for neighbor in neighbors:
             here = np.minimum(low + np.array(offset)[:, None], self.last)
             low = low[:, state.take(self._flat(here)) == OPEN]
-            here, there = (np.minimum(low + np.array(each)[:, None], self.last) for each in (offset, other))
-            flat, known = self._flat(here), self._flat(there)
-            distances = values.take(known)
-            tells = (state.take(known) == EXACT) & self._clear(distances, self._between(here, there))
+            here, there = (np.minimum(low + np.array(each)[:, None], self.last) for each in (offset, neighbor))
+            flat, flat_neighbor = self._flat(here), self._flat(there)
+            distances = values.take(flat_neighbor)
+            tells = (state.take(flat_neighbor) == EXACT) & self._clear(distances, self._between(here, there))
             values[flat[tells]] = distances[tells]
-            state[flat[tells]] = KNOWN
+            state[flat[tells]] = DECIDED
 
     def required_steps(self) -> Steps[None]:
-        """Measure all samples that are required; give others the sign of their own side."""
+        """Measure all required samples; give the rest the sign of their own side."""
         area = self.lattice.shape[1] * self.lattice.shape[2]
         for number, part in enumerate(self.layers):
             values, state = self.values[part], self.state[part]
             if self.inside is not None:
                 here = self.inside[part]
-                # In a block on both sides of the surface no level is between it and the surface.
+                # In a block on both sides of the surface, no level lies between a sample and the surface.
                 wrong = ((values > 0) != here) & (state != EXACT)
                 values[wrong] = np.where(here[wrong], self.lowest / 2, self.highest / 2)
                 yield PAUSE
@@ -316,7 +317,7 @@ class _Field:
             yield from equal_part(self._measure_steps(flat), number, len(self.layers))
 
     def _measure_steps(self, flat: Indices, limit: float = np.inf) -> Steps[Floats]:
-        """Return the distances of samples and keep those that are not above the limit."""
+        """Measure samples, and keep the distances up to the limit."""
         distances = yield from at_samples_steps(self.tree, self.lattice, flat, self.inside, self.budget, limit)
         finite = np.isfinite(distances)
         self.values.reshape(-1)[flat[finite]] = distances[finite]
@@ -332,10 +333,10 @@ class _Field:
             flat = self._flat(each[:, number])
             is_open = state.take(flat) == OPEN
             flat, number = flat[is_open], number[is_open]
-            values[flat], state[flat] = fill[number], KNOWN
+            values[flat], state[flat] = fill[number], DECIDED
 
     def _clear(self, distances: Floats, reach: Doubles) -> Flags:
-        """Return which distances are farther from every level than `reach`."""
+        """Return whether each distance is farther than `reach` from every level."""
         reach = reach * SLACK
         clear = np.ones(len(distances), bool)
         for level in self.levels:
@@ -343,20 +344,20 @@ class _Field:
         return clear
 
     def _sides(self, distances: Floats) -> NDArray[np.int16]:
-        """Return a number for every distance that tells which levels are below and which are equal."""
+        """Return a number for every distance: equal if the same levels are below and equal to it."""
         sides = np.zeros(len(distances), np.int16)
         for level in self.levels:
             sides += distances > level
             sides += distances >= level
         return sides
 
-    def _between(self, sample: Indices, *others: Indices) -> Doubles:
-        """Return the largest distance of samples (3, n) to a block up to other samples, (n,) mm."""
+    def _between(self, sample: Indices, *corners: Indices) -> Doubles:
+        """Return the largest distance of samples (3, n) to any corner of a block, (n,) mm."""
         squared = np.zeros(sample.shape[1])
         along = []
         for axis, positions in enumerate(self.positions):
             here = positions.take(sample[axis])
-            ways = [np.abs(positions.take(other[axis]) - here) for other in others]
+            ways = [np.abs(positions.take(corner[axis]) - here) for corner in corners]
             along.append(np.maximum.reduce(ways))
         for first, second in np.ndindex(3, 3):
             if self.products[first, second]:
@@ -368,12 +369,12 @@ class _Field:
         return np.asarray((sample[0] * height + sample[1]) * width + sample[2])
 
 
-def _touch(offset: Offset, other: Offset) -> bool:
-    return all(abs(first - second) <= 1 for first, second in zip(offset, other, strict=True))
+def _touch(offset: Offset, neighbor: Offset) -> bool:
+    return all(abs(first - second) <= 1 for first, second in zip(offset, neighbor, strict=True))
 
 
 def _has_open_steps(state: Bytes) -> Steps[dict[int, tuple[Flags, Flags]]]:
-    """For blocks of 2, 4 and 8 cells a side, tell which have open samples, and which have no other."""
+    """Return whether blocks of 2, 4 and 8 cells a side have any open samples, and whether all are open."""
     any_parts: list[Flags] = []
     all_parts: list[Flags] = []
     layers = max(2, SAMPLES_AT_ONCE // state[0].size // 2 * 2)
@@ -387,40 +388,40 @@ def _has_open_steps(state: Bytes) -> Steps[dict[int, tuple[Flags, Flags]]]:
             parts.append(reduced if last else reduced[: layers // 2])
             yield PAUSE
     any_open, all_open = np.concatenate(any_parts), np.concatenate(all_parts)
-    found = {2: (any_open, all_open)}
+    flags_by_edge = {2: (any_open, all_open)}
     for edge in (4, 8):
         for axis in range(3):
             starts = np.arange(0, any_open.shape[axis], 2)
             any_open = np.logical_or.reduceat(any_open, starts, axis=axis)
             all_open = np.logical_and.reduceat(all_open, starts, axis=axis)
             yield PAUSE
-        found[edge] = any_open, all_open
-    return found
+        flags_by_edge[edge] = any_open, all_open
+    return flags_by_edge
 
 
 def _halved(flags: Flags, axis: int, of_two: np.ufunc) -> Flags:
-    """Combine samples 0 to 2, 2 to 4 and so on along an axis; the last ones are cut short."""
+    """Combine samples 0 to 2, 2 to 4 and so on along an axis; the last group may have fewer."""
     turned = np.moveaxis(flags, axis, 0)
     out = turned[::2].copy()
     for shift in (1, 2):
-        others = turned[shift::2]
-        of_two(out[: len(others)], others, out=out[: len(others)])
+        seconds = turned[shift::2]
+        of_two(out[: len(seconds)], seconds, out=out[: len(seconds)])
     return np.moveaxis(out, 0, axis)
 
 
 def _on_both_sides(inside: Flags, layers: slice) -> Flags:
-    """Return which samples of some layers are corners of cells with corners on both sides."""
+    """Return whether each sample of some layers is a corner of a cell with corners on both sides."""
     first = max(0, layers.start - 1)
     any_inside = all_inside = inside[first : layers.stop + 1]
     for axis in range(3):
         any_inside, all_inside = _pairs(any_inside, axis, np.logical_or), _pairs(all_inside, axis, np.logical_and)
-    passed = any_inside & ~all_inside  # a cell each
+    passed = any_inside & ~all_inside  # One value for each cell.
     for axis in range(3):
         passed = _pairs(np.pad(passed, [(int(each == axis),) * 2 for each in range(3)]), axis, np.logical_or)
     return passed[layers.start - first :][: layers.stop - layers.start]
 
 
 def _pairs(flags: Flags, axis: int, of_two: np.ufunc) -> Flags:
-    """Combine every two neighbors along an axis."""
+    """Combine each two neighbors along an axis."""
     turned = np.moveaxis(flags, axis, 0)
     return np.moveaxis(np.asarray(of_two(turned[:-1], turned[1:])), 0, axis)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The lattice of samples that parts are extracted from: rising positions along x, y and z of a volume's index space."""
+"""The lattice of samples that parts are extracted from: rising positions along the axes of a volume's index space."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ...volume.affine import cofactors, determinant, to_index, transform_points
 from ...volume.volume import Volume
 from .shapes import Box
 
-AROUND = 3  # Samples beyond what is asked for, at either end.
+AROUND = 3  # Add this many samples beyond the requested range, at either end.
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ class Lattice:
         return min(self.shortest_sides_mm)
 
     def around(self, points: NDArray[np.float32], margin_mm: float) -> Lattice:
-        """Return the part of the lattice that holds points (n, 3), and more around them."""
+        """Return the part of the lattice that holds points (n, 3) and a margin around them."""
         low, high = _range_of(points, self.affine, margin_mm)
         along = []
         for axis, positions in enumerate((self.x, self.y, self.z)):
@@ -79,7 +79,7 @@ class Lattice:
         return Lattice(along[0], along[1], along[2], self.affine)
 
     def window_of(self, part: Lattice) -> tuple[slice, slice, slice]:
-        """Return where the samples of a part of the lattice are in arrays of all, along z, y and x."""
+        """Return the slices along z, y and x that select a part of the lattice in arrays of the whole."""
         z, y, x = (
             slice(start, start + len(own))
             for own, start in (
@@ -90,9 +90,9 @@ class Lattice:
         return z, y, x
 
     def refined(self, box: Box, longest_mm: float) -> Lattice:
-        """Return the lattice with steps along all axes divided where they reach into a box, RAS+ mm.
+        """Return the lattice with divided steps in a box, RAS+ mm.
 
-        `longest_mm` is the length that no step exceeds there.
+        No step that reaches into the box is longer than `longest_mm`.
         """
         index = to_index(self.affine, corners_of(box))
         scale = np.sqrt((self.affine[:3, :3] ** 2).sum(axis=0))
@@ -104,7 +104,7 @@ class Lattice:
         return self if (len(z), len(y), len(x)) == self.shape else Lattice(x, y, z, self.affine)
 
     def points(self, x: NDArray[np.intp], y: NDArray[np.intp], z: NDArray[np.intp]) -> Doubles:
-        """Return the places of samples by their numbers, three (n,), as RAS+ mm (3, n)."""
+        """Return the positions of samples, RAS+ mm (3, n), by their indices along x, y and z, (n,) each."""
         index = np.stack([self.x.take(x), self.y.take(y), self.z.take(z)], axis=-1)
         return np.ascontiguousarray(transform_points(self.affine, index).T)
 
@@ -118,20 +118,20 @@ def lattice_around(
     margin_mm: float,
     longest_mm: float,
 ) -> Lattice:
-    """Return the samples that a surface was extracted from, as far as its points reach, and more around.
+    """Return the samples that a surface was extracted from, as far as its points reach, with a margin.
 
     Parameters
     ----------
     volume : Volume
     stride : (x, y, z) int
     slice_steps : int
-        Steps from slice to slice.
+        Number of steps from slice to slice.
     region : Box
         Samples of the volume that were extracted.
     points : (n, 3) float32
         Vertices, RAS+ mm.
     margin_mm : float
-        Space around them; beyond the volume's border samples go on as within.
+        Space around the points; beyond the border of the volume the samples continue with the same steps.
     longest_mm : float
         Longer steps are divided.
     """
@@ -147,7 +147,7 @@ def lattice_around(
 
 
 def steps_in(side_mm: float, longest_mm: float) -> int:
-    """Return into how many equal steps a side is divided, so that none is longer than allowed."""
+    """Return the least number of equal steps in a side of which none is longer than `longest_mm`."""
     return max(1, math.ceil(side_mm / longest_mm - 1e-6))
 
 
@@ -157,13 +157,13 @@ def corners_of(box: Box) -> Doubles:
 
 
 def with_box(points: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return points (n, 3) and behind them the corners of the box around them."""
+    """Return points (n, 3), followed by the corners of the box around them."""
     box = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
     return np.concatenate([points, corners_of(box).astype(np.float32)])
 
 
 def _range_of(points: NDArray[np.float32], affine: Doubles, margin_mm: float) -> tuple[Doubles, Doubles]:
-    """Return the lowest and the highest place near points (n, 3) along every axis of index space."""
+    """Return the lowest and the highest index along each axis that points (n, 3) and their margin reach."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for start in range(0, len(points), 1 << 18):
         index = to_index(affine, points[start : start + (1 << 18)].astype(np.float64))
@@ -174,7 +174,7 @@ def _range_of(points: NDArray[np.float32], affine: Doubles, margin_mm: float) ->
 
 
 def _positions(first: int, last: int, side: int, low: float, high: float) -> Doubles:
-    """Return positions from before `low` to beyond `high`: those of a closed grid from `first` to `last`, gone on."""
+    """Return positions from before `low` to beyond `high`, continuing a closed grid from `first` to `last`."""
     before, beyond = (max(0, math.ceil(each / side)) + AROUND for each in (first - low, high - last))
     positions = np.concatenate(
         [
@@ -189,7 +189,7 @@ def _positions(first: int, last: int, side: int, low: float, high: float) -> Dou
 
 
 def _divided(positions: Doubles, longest: float, low: float, high: float) -> Doubles:
-    """Return positions with the steps between `low` and `high`, and one more at either end, divided."""
+    """Return positions with divided steps between `low` and `high`, and one more divided step at either end."""
     gaps = np.diff(positions)
     reach = float(gaps.max())
     within = (positions[1:] > low - reach) & (positions[:-1] < high + reach)
@@ -197,7 +197,7 @@ def _divided(positions: Doubles, longest: float, low: float, high: float) -> Dou
 
 
 def _parted(positions: Doubles, parts: NDArray[np.intp]) -> Doubles:
-    """Return positions with every step in so many equal parts."""
+    """Return positions with each step divided into its number of equal parts."""
     low = np.repeat(np.arange(len(parts)), parts)
     share = np.arange(len(low)) - np.repeat(np.cumsum(parts) - parts, parts)
     gaps = np.diff(positions) / parts

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vertices of an extracted mesh back on the edges of its lattice, and from these the samples that are inside.
+"""Find the lattice edges that the vertices of an extracted mesh lie on, and from them the samples inside.
 
-An extracted vertex lies on one edge between neighboring samples: one sample is inside, the other outside. Along a row
-of samples every such edge is a way in or out.
+An extracted vertex lies on an edge between two neighboring samples, one inside and one outside. Along a row of
+samples, every such edge is a way in or out.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ...progress import PAUSE, Steps, equal_part
 from ...volume.affine import to_index
 from .lattice import Lattice
 
-ON_EDGE = 2.0**-9  # A vertex is on an edge if it is off by this share of a step at most.
+ON_EDGE = 2.0**-9  # A vertex is on an edge if it is off by at most this share of a step.
 VERTICES_PER_STEP = 1 << 17
 SAMPLES_PER_STEP = 1 << 23
 
@@ -33,7 +33,7 @@ def edge_vertices_steps(
     Parameters
     ----------
     mesh : TriangleMesh
-        RAS+ mm, extracted on this very lattice. Vertices that lie on no edge are left out.
+        RAS+ mm, extracted on this lattice. Vertices that are not on an edge are left out.
     lattice : Lattice
     budget : Budget, optional
 
@@ -44,18 +44,18 @@ def edge_vertices_steps(
     vertices : (n,) int64
         Number of the vertex; the first where several lie on one edge.
     """
-    found = yield from equal_part(_keys_steps(mesh.vertices, lattice, budget), 0, 2)
-    vertex = np.flatnonzero(found >= 0)
-    found = found[vertex]
-    order = yield from equal_part(order_steps(found.astype(np.uint64)), 1, 2)
-    keys = found[order]
+    keys_of_vertices = yield from equal_part(_keys_steps(mesh.vertices, lattice, budget), 0, 2)
+    vertex = np.flatnonzero(keys_of_vertices >= 0)
+    keys_of_vertices = keys_of_vertices[vertex]
+    order = yield from equal_part(order_steps(keys_of_vertices.astype(np.uint64)), 1, 2)
+    keys = keys_of_vertices[order]
     first = np.ones(len(keys), bool)
     np.not_equal(keys[1:], keys[:-1], out=first[1:])
     return keys[first], vertex[order[first]]
 
 
 def inside_steps(mesh: TriangleMesh, lattice: Lattice, budget: Budget | None = None) -> Steps[Flags]:
-    """Return which samples are inside a closed mesh that was extracted on this very lattice.
+    """Return whether each sample is inside a closed mesh that was extracted on this lattice.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def inside_steps(mesh: TriangleMesh, lattice: Lattice, budget: Budget | None = N
     Raises
     ------
     MeshError
-        If the vertices do not tell, because the mesh is open or was not extracted here.
+        If the vertices do not decide it, because the mesh is open or was not extracted on this lattice.
     """
     keys = yield from equal_part(_keys_steps(mesh.vertices, lattice, budget), 0, 2)
     keys = keys[keys >= 0]
@@ -104,7 +104,7 @@ def inside_steps(mesh: TriangleMesh, lattice: Lattice, budget: Budget | None = N
 
 
 def _keys_steps(vertices: Floats, lattice: Lattice, budget: Budget | None) -> Steps[Indices]:
-    """Return the key of every vertex's edge, -1 for vertices on no edge."""
+    """Return the key of every vertex's edge, -1 for a vertex that is not on an edge."""
     keys = np.empty(len(vertices), np.int64)
 
     def locate(block: slice) -> None:
@@ -117,8 +117,8 @@ def _keys_steps(vertices: Floats, lattice: Lattice, budget: Budget | None) -> St
 
 def _keys(index: Doubles, lattice: Lattice) -> Indices:
     """Return the keys of positions (n, 3) in index space."""
-    low = np.empty((3, len(index)), np.int64)  # sample before the position
-    share = np.empty((3, len(index)))  # of the step from there
+    low = np.empty((3, len(index)), np.int64)  # The sample before the position.
+    share = np.empty((3, len(index)))  # The share of the step from that sample.
     for axis, positions in enumerate((lattice.x, lattice.y, lattice.z)):
         low[axis], share[axis] = _steps_along(np.ascontiguousarray(index[:, axis]), positions)
     upper = share > 0.5
@@ -136,7 +136,7 @@ def _keys(index: Doubles, lattice: Lattice) -> Indices:
 
 
 def _steps_along(values: Doubles, positions: Doubles) -> tuple[NDArray[np.intp], Doubles]:
-    """Return the last of rising positions before every value, but not the very last, and the share of the step."""
+    """Return the index of the last position before each value, except the final one, and the share of its step."""
     low = np.searchsorted(positions, values, side="right") - 1
     np.clip(low, 0, len(positions) - 2, out=low)
     return low, (values - positions.take(low)) / np.diff(positions).take(low)

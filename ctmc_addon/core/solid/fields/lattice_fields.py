@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fields on a lattice: above 0 inside, in mm; their values as float32, never 0, so that products of two are exact."""
+"""Fields on a lattice, in mm, above 0 inside. Values are float32 and never 0, so that products of two are exact."""
 
 from __future__ import annotations
 
@@ -16,33 +16,33 @@ from ...volume.affine import to_index
 from .lattice import Lattice
 from .shapes import HalfSpace, Shape
 
-LEAST = 2.0**-8  # A value is at least this share of the lattice's shortest step, so that no vertex meets a sample.
+LEAST = 2.0**-8  # Values are at least this share of the shortest step, so that no vertex meets a sample.
 POINTS_AT_ONCE = 1 << 18
 
 
-class Field(Protocol):
+class LatticeField(Protocol):
     """A field on a lattice."""
 
     @property
     def keeps_volume(self) -> bool:
-        """Whether it is a distance whose vertices make up for what triangles cut off."""
+        """Whether vertices are moved outward by the depth that triangles cut off."""
 
     def above(self, low: int, high: int) -> Flags:
-        """Return whether the samples of some layers are above 0, (high - low, rows, columns)."""
+        """Return whether samples of layers `low` to `high` are above 0, (high - low, rows, columns)."""
 
     def values_steps(self, flat: NDArray[np.intp], threads: int) -> Steps[Floats]:
-        """Return the values at samples by their numbers, (n,), of the same sign as in `above`."""
+        """Return the values at samples by their flat indices, (n,), with the signs of `above`."""
 
 
 def signed(values: NDArray[Any], above: Flags, lattice: Lattice) -> Floats:
-    """Return values as float32 with the given signs, not too near to 0."""
+    """Return values as float32 with the given signs, at least `LEAST` from 0."""
     size = np.maximum(np.abs(values.astype(np.float32)), np.float32(LEAST * lattice.shortest_mm))
     return np.where(above, size, -size)
 
 
 @dataclass(frozen=True, eq=False)
 class ShapeField:
-    """A shape with an exact distance, moved inward by `shift` mm."""
+    """The field of a shape with an exact distance, moved inward by `shift` mm."""
 
     shape: Shape
     lattice: Lattice
@@ -95,7 +95,7 @@ class ShapeField:
         return np.asarray((slopes[0] * x + slopes[1] * y) + (slopes[2] * z + (start - self.shift)))
 
     def _box(self, layer: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return the rows and columns of a layer that the shape may reach."""
+        """Return the rows and columns that the shape may reach in a layer."""
         lattice = self.lattice
         rows, columns = np.arange(len(lattice.y)), np.arange(len(lattice.x))
         box = self.shape.box
@@ -114,7 +114,7 @@ class ShapeField:
 
 @dataclass(frozen=True, eq=False)
 class StructureField:
-    """A structure's surface, moved inward by a level.
+    """The field of a structure's surface, moved inward by a level.
 
     Parameters
     ----------
@@ -124,8 +124,8 @@ class StructureField:
     inside : (z, y, x) bool
         Samples inside the surface.
     distance : (z, y, x) float32 or None
-        Signed distance, positive inside, as `distances_steps` of the level gives it; None at level 0 of a surface that
-        was extracted on this lattice.
+        Signed distance, positive inside, from `distances_steps` with this level; None at level 0 of a surface that was
+        extracted on this lattice.
     level : float
         Distance inside the surface at which the field is 0, mm.
     """
@@ -138,17 +138,17 @@ class StructureField:
 
     @property
     def keeps_volume(self) -> bool:
-        """Whether it is not the surface itself."""
+        """Whether the level is not the surface itself."""
         return self.level != 0
 
     def above(self, low: int, high: int) -> Flags:
-        """Return whether the samples of some layers are deeper than the level."""
+        """Return whether samples of layers `low` to `high` are deeper than the level."""
         if self.distance is None:
             return self.inside[low:high]
         return np.asarray(self.distance[low:high] > self.level)
 
     def values_steps(self, flat: NDArray[np.intp], threads: int) -> Steps[Floats]:
-        """Return how much deeper samples are than the level."""
+        """Return how much deeper than the level samples are."""
         if self.distance is not None:
             yield PAUSE
             values = self.distance.reshape(-1).take(flat).astype(np.float64) - self.level
@@ -162,7 +162,7 @@ class StructureField:
 
 @dataclass(frozen=True, eq=False)
 class HeldField:
-    """A field whose values are held, moved inward by `shift` mm.
+    """A field held in memory, moved inward by `shift` mm.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Samples of a lattice that are surely within a distance of flagged samples; 64 samples along x are one word.
+"""Find samples that are certainly within a distance of flagged samples; 64 samples along x are one word.
 
-A row of samples spreads along x once for every reach, and the rows around it take that over: a ball of rows.
+Each row of samples is spread along x once for every reach, and the rows around it copy the result: a ball of rows.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from .lattice import Lattice
 
 Words = NDArray[np.uint64]
 WORD = np.dtype("<u8")
-MOST_REACH = 8  # Spread by this many of the shortest steps at once.
+MOST_REACH = 8  # Spread by at most this many of the shortest steps at once.
 WORDS_AT_ONCE = 1 << 17
 ROUNDED = 1 - 2.0**-16
 
 
 def nearby_steps(flags: Words, lattice: Lattice, distance: float, budget: Budget | None = None) -> Steps[Words]:
-    """Return which samples have a flagged one within a distance.
+    """Return whether each sample has a flagged one within a distance.
 
-    Far distances are made of several short ones, which leaves out samples that are only just within.
+    Long distances are covered by several short ones, which leaves out samples that are only just within.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def nearby_steps(flags: Words, lattice: Lattice, distance: float, budget: Budget
 
 
 def words_of(width: int) -> int:
-    """Return the number of words of a row of samples."""
+    """Return the number of words in a row of samples."""
     return -(-width // 64)
 
 
@@ -68,8 +68,8 @@ def unpacked(words: Words, width: int) -> Flags:
 
 
 def _rows(lattice: Lattice, distance: float) -> dict[int, list[tuple[int, int]]]:
-    """Return the rows (z, y) of samples that are within a distance, by how many samples they reach along x."""
-    # Oblique axes and shorter steps change lengths: take the longest.
+    """Return the row offsets (z, y) within a distance, by the number of samples that they reach along x."""
+    # Oblique axes and shorter steps change lengths, so take the longest.
     steps = np.array([np.diff(along).max() for along in (lattice.x, lattice.y, lattice.z)])
     axes = lattice.affine[:3, :3] * steps
     products = np.abs((axes[:, :, None] * axes[:, None, :]).sum(axis=0))
@@ -87,7 +87,7 @@ def _rows(lattice: Lattice, distance: float) -> dict[int, list[tuple[int, int]]]
 
 
 def _spread_steps(flags: Words, rows: dict[int, list[tuple[int, int]]], budget: Budget | None) -> Steps[Words]:
-    """Flag all samples of rows around flagged samples."""
+    """Flag the samples of all rows around flagged samples."""
     depth, height, words = flags.shape
     out = np.zeros(flags.shape, WORD)
     beyond = max(z for around in rows.values() for z, _ in around)
@@ -101,7 +101,7 @@ def _spread_steps(flags: Words, rows: dict[int, list[tuple[int, int]]], budget: 
                 _shift_into(along, here, np.uint64(shift))
             reached = reach
             for z, y in around:
-                low, high = max(part.start, first - z), min(part.stop, end - z)  # layers whose neighbors are here
+                low, high = max(part.start, first - z), min(part.stop, end - z)  # Neighbors exist.
                 below, above = max(0, -y), height - max(0, y)
                 if low < high and below < above:
                     neighbors = along[low + z - first : high + z - first, below + y : above + y]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shapes with an exact distance everywhere: planes, round bars.
+"""Shapes with an exact distance everywhere: half spaces and round bars.
 
 Distances are in mm, positive inside. Points are (3, n) float64, RAS+ mm.
 """
@@ -17,7 +17,7 @@ from ...mesh.vectors import dot
 from ..request import Point
 
 Box = tuple[Doubles, Doubles]  # Lowest and highest corner, (3,) each.
-Plane = tuple[Point, float]  # Its normal of length 1, into the shape, and its height along that from the origin, mm.
+Plane = tuple[Point, float]  # The unit normal, into the shape, and the height above the origin along it, mm.
 
 
 class Shape(Protocol):
@@ -25,19 +25,19 @@ class Shape(Protocol):
 
     @property
     def box(self) -> Box | None:
-        """Box that holds it; None for one without end."""
+        """Box that holds the shape; None if it is unbounded."""
 
     @property
     def planes(self) -> tuple[Plane, ...]:
-        """Planes that its surface lies on."""
+        """Planes that the surface lies on."""
 
     def at(self, points: Doubles) -> Doubles:
-        """Return the distance of points (3, n) to the shape's surface, (n,), positive inside."""
+        """Return the signed distance of points (3, n) to the surface, (n,), positive inside."""
 
 
 @dataclass(frozen=True)
 class HalfSpace:
-    """What lies on the side of a plane that the normal, of any length, points to."""
+    """The side of a plane that the normal, of any length, points to."""
 
     point: Point
     normal: Point
@@ -50,13 +50,13 @@ class HalfSpace:
 
     @property
     def turned(self) -> HalfSpace:
-        """What lies on the other side of the plane."""
+        """The other side of the plane."""
         x, y, z = self.normal
         return HalfSpace(self.point, (-x, -y, -z))
 
     @property
     def box(self) -> None:
-        """None: it has no end."""
+        """None, because it is unbounded."""
 
     @property
     def planes(self) -> tuple[Plane, ...]:
@@ -92,11 +92,11 @@ class Bar:
 
     @property
     def planes(self) -> tuple[Plane, ...]:
-        """None: it is round."""
+        """Empty, because the surface is round."""
         return ()
 
     def at(self, points: Doubles) -> Doubles:
-        """Return the distance to a bar with half balls beyond both ends."""
+        """Return the signed distance to a bar with half balls beyond both ends."""
         start, along = np.array(self.start)[:, None], np.subtract(self.end, self.start)[:, None]
         from_start = points - start
         share = np.clip(dot(from_start, along) / dot(along, along), 0.0, 1.0)
@@ -106,24 +106,24 @@ class Bar:
 
 @dataclass(frozen=True)
 class Union:
-    """What lies in any of several shapes."""
+    """The union of shapes."""
 
     shapes: Sequence[Shape]
 
     @property
     def box(self) -> Box | None:
-        """Box that holds all of them."""
+        """Box that holds all shapes; None if one is unbounded."""
         boxes = [shape.box for shape in self.shapes]
         lows, highs = [box[0] for box in boxes if box is not None], [box[1] for box in boxes if box is not None]
         return (np.minimum.reduce(lows), np.maximum.reduce(highs)) if len(lows) == len(boxes) else None
 
     @property
     def planes(self) -> tuple[Plane, ...]:
-        """Those of its shapes."""
+        """Planes of all shapes."""
         return tuple(plane for shape in self.shapes for plane in shape.planes)
 
     def at(self, points: Doubles) -> Doubles:
-        """Return the distance outside, and a lower bound of it inside where shapes overlap."""
+        """Return the signed distance; where shapes overlap, a lower bound of it inside."""
         out = self.shapes[0].at(points)
         for shape in self.shapes[1:]:
             np.maximum(out, shape.at(points), out=out)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cubes that are parted again and again, and what is found with them, such as the deepest place of a solid.
+"""Search a box with cubes that are divided repeatedly, for example for the deepest point of a solid.
 
-The depth changes by no more than the way between two points, so cubes that cannot hold what is looked for are dropped
+Between two points the depth changes by no more than they are apart, so cubes that cannot hold the result are dropped
 early. Distances are in mm, positive inside; points are (3, n) float64, RAS+ mm.
 """
 
@@ -17,17 +17,17 @@ from ...arrays import Doubles, Indices
 from ...progress import Steps
 from ..fields.depth import Depth
 
-FIRST_CUBES = 8  # Along the longest side of the box.
+FIRST_CUBES = 8  # Begin with this many cubes along the longest side of the box.
 HALF_DIAGONAL = 0.8661
-CLOSE = 2.0**-12  # Of the longest side of the box: depths are known to this, where few places are nearly as deep.
-MOST_PARTED = 1024  # Part this many cubes at a time, the most promising ones.
+CLOSE = 2.0**-12  # Depths are exact to this share of the longest side, unless many points are nearly as deep.
+MOST_PARTED = 1024  # Divide at most this many cubes at a time, those with the greatest depth.
 EVERY = slice(None)
-EIGHTHS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]).T  # (3, 8)
+EIGHTHS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]).T  # Shape (3, 8).
 
 
 @dataclass(frozen=True)
 class Cubes:
-    """Cubes of one grid: from where it begins, their side, and their numbers along x, y and z, (3, n)."""
+    """Cubes of one grid: its origin, their side, and their indices along x, y and z, (3, n)."""
 
     origin: Doubles
     side: float
@@ -35,7 +35,7 @@ class Cubes:
 
     @classmethod
     def over(cls, low: Doubles, high: Doubles) -> Cubes:
-        """Return the first cubes, which cover a box (3,) to (3,)."""
+        """Return the first cubes, which cover a box given by its lowest and highest corner, (3,) each."""
         spans = high - low
         side = float(spans.max()) / FIRST_CUBES
         counts = [max(1, math.ceil(span / side)) for span in spans.tolist()]
@@ -47,19 +47,19 @@ class Cubes:
         return self.origin[:, None] + (self.at[:, numbers] + 0.5) * self.side
 
     def kept(self, which: NDArray[np.intp]) -> Cubes:
-        """Return some of them."""
+        """Return a selection of the cubes."""
         return Cubes(self.origin, self.side, self.at[:, which])
 
     def parted(self) -> Cubes:
-        """Return eight cubes for each."""
+        """Divide each cube into eight."""
         at = (2 * self.at[:, :, None] + EIGHTHS[:, None]).reshape(3, -1)
         return Cubes(self.origin, self.side / 2, at)
 
 
 def deepest_steps(depth: Depth, low: Doubles, high: Doubles) -> Steps[tuple[Doubles, float]]:
-    """Return the deepest point in a box (3,) to (3,), as (3,), and its depth: the first of equals.
+    """Return the deepest point in a box, (3,), and its depth; the first of equals.
 
-    The depth is right to `CLOSE` of the longest side of the box, and never too large.
+    The depth is never too large, and exact to `CLOSE` of the longest side of the box.
     """
     cubes, close = Cubes.over(low, high), CLOSE * float((high - low).max())
     best, deepest = (low + high) / 2, -math.inf

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Drains of a hollow: round holes from a cavity straight out through its wall.
+"""Place the drains of a hollow: round holes from a cavity straight out through its wall.
 
-A drain at a point goes the shortest way out, toward the nearest point of the outer surface. A point in the wall is
-first followed inward to the cavity. Two drains that are placed by themselves go straight down from the lowest place of
-the largest cavity and straight up from its highest; where that way would go through much more than the wall, as down
-a spike, they go the shortest way out too.
+A drain at a point goes the shortest way out, toward the nearest point of the outer surface. From a point in the wall it
+first goes inward to the cavity. Two automatic drains go straight down from the lowest point of the largest cavity and
+straight up from the highest; if that way passes through much more than the wall, as in a spike, they go the shortest
+way out too.
 
 Distances are in mm, positive inside; points are RAS+ mm.
 """
@@ -19,12 +19,13 @@ import numpy as np
 
 from ...arrays import Doubles
 from ...errors import SettingsError
+from ...measures.units import mm_text
 from ...mesh.distance.signed_distance import SignedSurface
 from ...mesh.vectors import dot
 from ...progress import Steps
 from ..fields.depth import Depth
 from ..fields.shapes import Bar, HalfSpace, Shape, Union
-from ..request import Drain, Point
+from ..request import Drain, Point, numbers_text
 from .cubes import deepest_steps
 from .hollows import Cavities, cavities_steps
 from .outer import OuterSurfaces
@@ -32,14 +33,14 @@ from .rounding import place_text, placed, rounded_down, rounded_up
 
 AUTO_DIAMETER_MM = 4.0
 WALL_PER_DIAMETER = 2.0  # A hole this much deeper than wide is hard to clean.
-STEP = 0.05  # Between samples along a way through a wall, in radii or of the wall, whichever is less.
-AT_SURFACE = 1e-3  # A point this share of the radius from the surface lies on it.
-WALL_PER_DEPTH = 2.1  # A wall that is offered leaves a cavity of some more than its own thickness.
+STEP = 0.05  # Samples along a way through a wall are this share of the radius, or of a thinner wall, apart.
+AT_SURFACE = 1e-3  # A point within this share of the radius from the surface lies on it.
+WALL_PER_DEPTH = 2.1  # Suggest a wall that leaves a cavity slightly thicker than the wall.
 MOST_SAMPLES = 4096
-BEYOND = np.arange(1.0, 4.25, 0.25)  # Ends of a drain beyond the surface, in radii.
-TOUCHING = 0.999  # A half ball this share of its radius from the surface is out of the wall.
-TOO_FAR = 3.0  # Times the wall: no way straight up or down is longer.
-INWARD = (2.0, 1.5, 1.0, 0.5)  # Places of a better point below the surface, in the depth that a drain begins at.
+BEYOND = np.arange(1.0, 4.25, 0.25)  # Try to end a drain this far beyond the surface, in radii.
+TOUCHING = 0.999  # A half ball is out of the wall at this share of its radius from the surface.
+TOO_FAR = 3.0  # A way straight up or down is at most this many times as long as the wall is thick.
+INWARD = (2.0, 1.5, 1.0, 0.5)  # Depths of a better point to suggest, as multiples of the depth where a drain begins.
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class PlacedDrains:
     Parameters
     ----------
     bars : tuple of Bar
-        From inside a cavity to beyond the surface, to be taken away.
+        Bars from inside a cavity to beyond the surface, to be subtracted.
     notes : tuple of str
         Sentences for the user.
     """
@@ -59,14 +60,14 @@ class PlacedDrains:
 
     @property
     def shape(self) -> Shape:
-        """All of them, to be taken away; there is at least one."""
+        """Union of all drains, to be subtracted; there is at least one."""
         return Union(self.bars)
 
 
 def auto_diameter(wall: float) -> float:
-    """Return the diameter of drains that are placed by themselves, mm: 4, or half of the wall where that is more.
+    """Return the diameter of automatic drains, mm: 4, or half of the wall if that is more.
 
-    Powder and resin flow out of two holes of 4 mm, and a hole of that ratio can be cleaned.
+    Powder and resin flow out of two holes of 4 mm, and a hole with that ratio can be cleaned.
 
     Examples
     --------
@@ -77,7 +78,7 @@ def auto_diameter(wall: float) -> float:
 
 
 def notes_at_cuts(bars: Sequence[Bar], planes: Sequence[HalfSpace]) -> list[str]:
-    """Return what to say about drains that meet a cut: there they are notches in the rims of both parts.
+    """Return notes on drains that meet a cut, where they become notches in the rims of both parts.
 
     Examples
     --------
@@ -90,12 +91,12 @@ def notes_at_cuts(bars: Sequence[Bar], planes: Sequence[HalfSpace]) -> list[str]
         ends = np.array([bar.start, bar.end]).T
         for plane in planes:
             low, high = sorted(plane.at(ends).tolist())
-            up, down = high + bar.radius, bar.radius - low  # Ways to where the cut is beyond the drain.
+            up, down = high + bar.radius, bar.radius - low  # Moves that free the cut of the drain.
             if up > 0 and down > 0:
-                where, cut = place_text(bar.start, bar.radius), _numbers(plane.point)
+                where, cut = place_text(bar.start, bar.radius), numbers_text(plane.point)
                 move = rounded_up(up, 2) if up < down else -rounded_up(down, 2)
                 notes.append(
-                    f"The drain at {where} meets the cut at {cut}; move the cut along its normal by {move:g} mm."
+                    f"The drain at {where} meets the cut at {cut}; move the cut along its normal by {mm_text(move)}."
                 )
     return notes
 
@@ -109,11 +110,11 @@ def drains_steps(
     ----------
     drains : sequence of Drain
     surface : SignedSurface
-        Of the structure, closed.
+        Closed surface of the structure.
     depth : Depth
-        Below the surface of the thickened structure, before it is made hollow.
+        Depth below the surface of the thickened structure, before it is made hollow.
     wall : float
-        Thickness of the wall of the hollow, mm; 0 where only cavities that are there are opened.
+        Thickness of the wall of the hollow, mm; 0 if only existing cavities are opened.
     thicken : float
         Offset of the surface outward, mm.
 
@@ -124,7 +125,7 @@ def drains_steps(
     Raises
     ------
     SettingsError
-        For a point outside or one from which no cavity is reached, and for a wall that leaves no cavity.
+        For a point outside or one that reaches no cavity, and for a wall that leaves no cavity.
     """
     outer = OuterSurfaces()
     yield from outer.prepare_steps(surface)
@@ -135,9 +136,9 @@ def drains_steps(
     notes: list[str] = []
     for drain in drains:
         if drain.point is None:
-            more, told = yield from _auto_steps(drain.diameter / 2, solid)
-            bars += more
-            notes += told
+            added, sentences = yield from _auto_steps(drain.diameter / 2, solid)
+            bars += added
+            notes += sentences
         else:
             bars.append((yield from _given_steps(drain.point, drain.diameter / 2, solid)))
     return PlacedDrains(tuple(bars), tuple(notes))
@@ -154,18 +155,17 @@ class _Solid:
     high: Doubles
 
     def step(self, radius: float) -> float:
-        """Return how far apart samples along a way are for a drain of a radius."""
+        """Return the distance between samples along a way for a drain with this radius."""
         return STEP * min(radius, self.wall or radius)
 
     def material_steps(self, points: Doubles) -> Steps[Doubles]:
-        """Return the depth below the surface of the hollow solid."""
         below = yield from self.depth(points)
         return np.minimum(below, self.wall - below) if self.wall else below
 
 
 @dataclass(frozen=True)
 class _Start:
-    """A point, the way out from there, how long it is to the surface, and the outer surface that it meets."""
+    """A point, the direction out from it, the length to the surface, and the outer surface that it meets."""
 
     point: Doubles  # (3,)
     way: Doubles  # (3,)
@@ -182,15 +182,15 @@ def _given_steps(point: Point, radius: float, solid: _Solid) -> Steps[Bar]:
     distance, face = yield from solid.surface.distances_steps(place[None], 1)
     outside = float(distance[0]) - solid.thicken
     remedy = yield from _remedy_steps(place, float(distance[0]), int(face[0]), radius, solid)
-    where = f"a drain at {_numbers(point)}"
+    where = f"a drain at {numbers_text(point)}"
     if outside >= 0:
-        raise SettingsError(f"{where} lies {outside:.3g} mm outside the surface; {remedy}")
-    inner = f", whose wall is {solid.wall:g} mm" if solid.wall else ", which is not hollow"
+        raise SettingsError(f"{where} lies {mm_text(outside, 3)} outside the surface; {remedy}")
+    inner = f", whose wall is {mm_text(solid.wall)}" if solid.wall else ", which is not hollow"
     raise SettingsError(f"{where} reaches no cavity of the solid{inner}; {remedy}")
 
 
 def _from_point_steps(point: Doubles, radius: float, solid: _Solid) -> Steps[Bar | None]:
-    """Return the drain of a point, the shortest way out; None where it is outside or reaches no cavity."""
+    """Return the drain at a point, the shortest way out; None if it is outside or reaches no cavity."""
     surface = yield from solid.outer.around_steps(point, solid.thicken)
     if surface is None:
         return None
@@ -202,7 +202,7 @@ def _from_point_steps(point: Doubles, radius: float, solid: _Solid) -> Steps[Bar
 
 
 def _start_steps(point: Doubles, surface: SignedSurface, thicken: float, radius: float) -> Steps[_Start]:
-    """Return the shortest way out of an outer surface that was moved outward."""
+    """Return the shortest way out through an outer surface that was moved outward."""
     distance, face = yield from surface.distances_steps(point[None], 1)
     nearest = surface.nearest_on(point[:, None], face)[:, 0]
     way = nearest - point if distance[0] < 0 else point - nearest
@@ -214,7 +214,7 @@ def _start_steps(point: Doubles, surface: SignedSurface, thicken: float, radius:
 
 
 def _to_cavity_steps(start: _Start, solid: _Solid, radius: float) -> Steps[float | None]:
-    """Return how far before the point the axis begins: inside the cavity; below zero beyond it, None for no cavity."""
+    """Return how far before the point the axis begins inside the cavity; below 0 beyond it, None without a cavity."""
     longest = float((solid.high - solid.low).max())
     step = max(solid.step(radius), longest / MOST_SAMPLES)
     offsets = np.arange(max(2, math.ceil(longest / step))) * step
@@ -232,7 +232,7 @@ def _to_cavity_steps(start: _Start, solid: _Solid, radius: float) -> Steps[float
 def _bar_steps(start: _Start, before: float, radius: float, solid: _Solid) -> Steps[Bar]:
     """Return the bar from inside the cavity to where its half ball is out of the wall.
 
-    Its first half ball keeps out of the wall on the other side of the cavity as well as it can.
+    As far as possible, the first half ball keeps out of the wall on the other side of the cavity.
     """
     begin = start.point - start.way * before
     room = max(0.0, -float((yield from solid.material_steps(begin[:, None]))[0]))
@@ -245,7 +245,7 @@ def _bar_steps(start: _Start, before: float, radius: float, solid: _Solid) -> St
 
 
 def _remedy_steps(point: Doubles, distance: float, face: int, radius: float, solid: _Solid) -> Steps[str]:
-    """Return a point at which a drain works, near the one given or the deepest; or what else to do."""
+    """Return a point at which a drain works, near the given one or the deepest, or a different remedy."""
     nearest = solid.surface.nearest_on(point[:, None], np.array([face]))[:, 0]
     normal = _normal_of(solid.surface, face)
     inward = -normal / float(np.sqrt(dot(normal, normal)) or 1.0)
@@ -253,31 +253,32 @@ def _remedy_steps(point: Doubles, distance: float, face: int, radius: float, sol
     for share in INWARD:
         better = np.array(placed((start + inward * (share * max(solid.wall, radius))).tolist(), radius))
         if (yield from _from_point_steps(better, radius, solid)) is not None:
-            return f"give a point inside, such as {_numbers(better.tolist())}"
+            return f"give a point inside, such as {numbers_text(better.tolist())}"
     best, deepest = yield from deepest_steps(solid.depth, solid.low, solid.high)
     better = np.array(placed(best.tolist(), radius))
     if (yield from _from_point_steps(better, radius, solid)) is not None:
-        return f"give a point inside, such as {_numbers(better.tolist())}"
+        return f"give a point inside, such as {numbers_text(better.tolist())}"
     if not solid.wall:
         return "add --hollow, or leave out the drain"
     return _thinner(deepest)
 
 
 def _thinner(deepest: float) -> str:
-    """Return what to do about a wall that is too thick for a solid this deep."""
+    """Return the remedy for a wall that is too thick for a solid this deep."""
     if deepest <= 0:
         return "leave out --hollow"
     thinner = rounded_down(deepest / WALL_PER_DEPTH, 2)
     return (
-        f"its deepest place lies {deepest:.3g} mm below the surface: give a thinner wall, such as --hollow {thinner:g}"
+        f"its deepest place lies {mm_text(deepest, 3)} below the surface: give a thinner wall, such as "
+        f"--hollow {thinner:g}"
     )
 
 
 def _auto_steps(radius: float, solid: _Solid) -> Steps[tuple[list[Bar], list[str]]]:
-    """Place a drain at the lowest and one at the highest place of the largest cavity."""
+    """Place a drain at the lowest point of the largest cavity and one at the highest."""
     best, deepest = yield from deepest_steps(solid.depth, solid.low, solid.high)
     if deepest <= solid.wall:
-        raise SettingsError(f"a wall of {solid.wall:g} mm leaves no cavity for --drain auto; {_thinner(deepest)}")
+        raise SettingsError(f"a wall of {mm_text(solid.wall)} leaves no cavity for --drain auto; {_thinner(deepest)}")
     cavities = yield from cavities_steps(solid.depth, solid.wall, solid.low, solid.high)
     if not cavities.points.shape[1]:
         cavities = Cavities(best[:, None], cavities.side, 0)
@@ -298,14 +299,14 @@ def _auto_steps(radius: float, solid: _Solid) -> Steps[tuple[list[Bar], list[str
         else:
             start = _Start(point, way, length, surface)
         bars.append((yield from _bar_steps(start, 0.0, radius, solid)))
-    if cavities.others:
-        count = f"{cavities.others} other cavities have" if cavities.others > 1 else "1 other cavity has"
+    if cavities.further:
+        count = f"{cavities.further} other cavities have" if cavities.further > 1 else "1 other cavity has"
         notes.append(f"--drain auto opens the largest cavity; {count} no drain")
     return bars, notes
 
 
 def _end_steps(cavities: Cavities, up: float, radius: float, solid: _Solid) -> Steps[Doubles]:
-    """Return the lowest or highest place of a cavity, (3,), where it is flat the middle of the widest part."""
+    """Return the lowest or highest point of a cavity, (3,); in a flat end, the middle of the widest part."""
     heights = cavities.points[2] * up
     end = cavities.points[:, heights > heights.max() - cavities.side / 2]
     inner = end - np.array([[0.0], [0.0], [up * radius]])
@@ -318,7 +319,7 @@ def _end_steps(cavities: Cavities, up: float, radius: float, solid: _Solid) -> S
 def _straight_steps(
     point: Doubles, way: Doubles, surface: SignedSurface, solid: _Solid, longest: float, radius: float
 ) -> Steps[float | None]:
-    """Return how long the way from a point in a cavity out of its wall is, None where it is longer than `longest`."""
+    """Return the length of the way from a point in a cavity out of the wall; None if it exceeds `longest`."""
     step = solid.step(radius)
     offsets = np.arange(math.ceil(longest / step) + 2) * step
     column = point[:, None] + way[:, None] * offsets
@@ -337,7 +338,3 @@ def _normal_of(surface: SignedSurface, face: int) -> Doubles:
 def _point(values: Doubles) -> Point:
     x, y, z = values.tolist()
     return x, y, z
-
-
-def _numbers(values: Sequence[float]) -> str:
-    return " ".join(f"{value:g}" for value in values)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A flat foot below a part: a vertical prism as wide as all that lies within the foot's height, and some more.
+"""Make a flat foot below a part: a vertical prism around everything within the height of the foot, and wider.
 
-Its outline has `DIRECTIONS` sides, each as far out as the part reaches that way there. It reaches under the part's
-center of mass too, so that the part stands. Where the axis of a drain would end in the foot, it goes on through it.
+Its outline has a side for each of `DIRECTIONS`, as far out as the part reaches there. It also reaches under the center
+of mass of the part, so that the part stands. A drain whose axis would end in the foot is continued through it.
 
 Distances are in mm, positive inside; points are (3, n) float64, RAS+ mm.
 """
@@ -25,7 +25,7 @@ from ..request import Point
 
 
 def _directions() -> Doubles:
-    """Return directions in the plane, (2, 64), evenly around, without angles: the same bits everywhere."""
+    """Return evenly spaced directions in the plane, (2, 64), without angles, so that bits are equal everywhere."""
     around = np.array([[1.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, -1.0]])
     for _ in range(4):
         between = around + np.roll(around, -1, axis=1)
@@ -35,12 +35,12 @@ def _directions() -> Doubles:
 
 
 DIRECTIONS = _directions()
-BESIDE = 1 / 64  # Steps by which a foot is lower than its part, or higher: their lower sides never coincide.
-STEPS_UNDER_CENTER = 2.0  # The outline is this far beyond the center of mass: rims are bevelled by up to a step.
+LEVEL_GAP = 1 / 64  # A foot is lower or higher than its part by this many steps, so that their sides never coincide.
+STEPS_UNDER_CENTER = 2.0  # The outline is this many steps beyond the center of mass, because rims lose up to one.
 
 
 def outline_of(at: Doubles) -> Doubles:
-    """Return how far places (2, n) reach along each direction, (64,)."""
+    """Return how far points (2, n) reach along each direction, (64,)."""
     reach = np.full(DIRECTIONS.shape[1], -np.inf)
     for number, (x, y) in enumerate(DIRECTIONS.T.tolist()):
         reach[number] = (at[0] * x + at[1] * y).max(initial=-np.inf)
@@ -54,14 +54,14 @@ class Foot:
     Parameters
     ----------
     reach : (64,) float64
-        Of its sides along `DIRECTIONS`, mm from the origin.
+        Distance of its sides from the origin along `DIRECTIONS`, mm.
     low, high : float
-        From where to where it goes along z.
+        Range along z.
     cell : float
-        Height of a cell of the lattice, mm: samples no higher than that above the lower side tell of it alone, so that
-        it is flat in a foot of less than two steps too.
+        Height of a lattice cell, mm: for samples up to this far above the lower side, only that side counts, so that it
+        is flat even in a foot of less than two steps.
     holes : sequence of Shape
-        To be kept free.
+        Holes to keep free.
     """
 
     reach: Doubles
@@ -82,7 +82,7 @@ class Foot:
         return ((0.0, 0.0, 1.0), self.low), ((0.0, 0.0, -1.0), -self.high)
 
     def at(self, points: Doubles) -> Doubles:
-        """Return the distance, beside edges and holes less."""
+        """Return the signed distance; less near edges and holes."""
         above = points[2] - self.low
         out = np.where((above > 0) & (above <= self.cell), above, np.minimum(above, self.high - points[2]))
         for (x, y), reach in zip(DIRECTIONS.T.tolist(), self.reach.tolist(), strict=True):
@@ -92,12 +92,12 @@ class Foot:
         return out
 
     def with_holes(self, bars: Iterable[Bar]) -> Foot:
-        """Return the foot with those bars gone on through it that would end there."""
+        """Return the foot with holes that continue the bars that would end in it."""
         gone_on = [bar for bar in map(self._through, bars) if bar is not None]
         return Foot(self.reach, self.low, self.high, self.cell, gone_on)
 
     def _through(self, bar: Bar) -> Bar | None:
-        """Return the rest of a bar from its end to where its half ball is out of the foot; None if it is there."""
+        """Return the rest of a bar, from its end to where its half ball leaves the foot; None if it has left it."""
         end, along = np.array(bar.end), np.subtract(bar.end, bar.start)
         along = along / np.sqrt(dot(along, along))
         (across_x, across_y), (x, y, z) = DIRECTIONS, end.tolist()
@@ -112,7 +112,7 @@ class Foot:
         return Bar(bar.end, (x, y, z), bar.radius)
 
 
-def foot_steps(mesh: TriangleMesh, center: Point, base: float, lattice: Lattice, alone: bool) -> Steps[Foot]:
+def foot_steps(mesh: TriangleMesh, center: Point, base: float, lattice: Lattice, is_single: bool) -> Steps[Foot]:
     """Make the foot of a part.
 
     Parameters
@@ -124,14 +124,14 @@ def foot_steps(mesh: TriangleMesh, center: Point, base: float, lattice: Lattice,
     base : float
         Height of the foot, and by how much it is wider than the part there, mm.
     lattice : Lattice
-        No foot is lower than its step along z.
-    alone : bool
-        Whether no other structure is near, below which a foot of the same height would go.
+        A foot is at least as high as its step along z.
+    is_single : bool
+        Whether there is one structure, so that no foot of equal height lies below a second one.
     """
     scale = np.sqrt((lattice.affine[:3, :3] ** 2).sum(axis=0))
     steps = np.abs(lattice.affine[2, :3]) / scale * lattice.sides_mm
     step, cell = float(steps.max()), float(steps[0] + steps[1] + steps[2])
-    low = float(mesh.vertices[:, 2].min()) - (BESIDE if alone else -BESIDE) * step
+    low = float(mesh.vertices[:, 2].min()) - (LEVEL_GAP if is_single else -LEVEL_GAP) * step
     high = low + max(base, step)
     places = mesh.vertices[mesh.vertices[:, 2] <= high, :2].T.astype(np.float64)
     reach = np.maximum(outline_of(places), (yield from _crossing_steps(mesh, high)))

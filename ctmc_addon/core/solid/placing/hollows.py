@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a hollow has its cavities.
+"""Find the cavities of a hollow.
 
-Cavities are told apart by the cubes whose middles are inside: two that are connected only by a passage narrower than
-such a cube count as two, through which no powder or resin would come out either.
+A cavity is a connected group of cubes whose middles are inside. Two that are connected only by a passage narrower than
+a cube count as two; powder or resin would not come out through it either.
 
 Distances are in mm, positive inside; points are (3, n) float64, RAS+ mm.
 """
@@ -19,9 +19,9 @@ from ...progress import PAUSE, Steps
 from ..fields.depth import Depth
 from .cubes import HALF_DIAGONAL, Cubes
 
-LEAST_SIDE = 0.1  # Of the wall.
-MOST_CUBES = 50000  # Part no more of them.
-COUNTED = 8  # Cubes of a cavity that is told of; smaller ones may be noise.
+LEAST_SIDE = 0.1  # Do not divide cubes into cubes smaller than this share of the wall.
+MOST_CUBES = 50000  # Do not divide more cubes than this.
+COUNTED = 8  # Count cavities of at least this many cubes; smaller ones may be noise.
 NEIGHBORS = [(x, y, z) for x in (0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (x, y, z) > (0, 0, 0)]
 
 
@@ -32,22 +32,22 @@ class Cavities:
     Parameters
     ----------
     points : (3, n) float64
-        Middles of the cubes within the largest cavity, in the order of their position.
+        Middles of the cubes in the largest cavity, sorted by position.
     side : float
-        Of the cubes, mm.
-    others : int
-        Other cavities.
+        Side of the cubes, mm.
+    further : int
+        Number of further cavities.
     """
 
     points: Doubles
     side: float
-    others: int
+    further: int
 
 
 def cavities_steps(depth: Depth, wall: float, low: Doubles, high: Doubles) -> Steps[Cavities]:
-    """Find the cavities in a box, where the depth is above the wall's thickness; perhaps no point is."""
+    """Find the cavities in a box, where the depth is above the thickness of the wall; the result may be empty."""
     cubes = Cubes.over(low, high)
-    inside = np.zeros(cubes.at.shape[1], np.bool_)  # cubes all of which are
+    inside = np.zeros(cubes.at.shape[1], np.bool_)  # The whole cube is inside.
     while True:
         open_cubes = np.flatnonzero(~inside)
         here = np.full(len(inside), np.inf)
@@ -62,27 +62,27 @@ def cavities_steps(depth: Depth, wall: float, low: Doubles, high: Doubles) -> St
 
 
 def _largest_steps(members: Cubes) -> Steps[Cavities]:
-    """Return the largest of the connected groups of cubes."""
+    """Return the largest connected group of cubes."""
     at = members.at[:, np.lexsort(members.at[::-1])]
     if not at.shape[1]:
         return Cavities(np.empty((3, 0)), members.side, 0)
-    size = at.max(axis=1) + 3  # free on both sides
+    size = at.max(axis=1) + 3  # One cube free on both sides.
     flat = _flat(at + 1, size)
     own = np.arange(len(flat))
     links = [np.stack([own, own], axis=1)]
     for offset in NEIGHBORS:
-        other = _flat(at + 1 + np.array(offset)[:, None], size)
-        place = np.minimum(np.searchsorted(flat, other), len(flat) - 1)
-        met = flat[place] == other
+        neighbor = _flat(at + 1 + np.array(offset)[:, None], size)
+        place = np.minimum(np.searchsorted(flat, neighbor), len(flat) - 1)
+        met = flat[place] == neighbor
         links.append(np.stack([own[met], place[met]], axis=1))
         yield PAUSE
     rows = np.concatenate(links).astype(np.int32)
     component = (yield from component_numbers_steps(rows, len(flat)))[: len(flat)]
     counts = np.bincount(component)
     largest = int(counts.argmax())
-    others = int((counts >= COUNTED).sum()) - int(counts[largest] >= COUNTED)
+    further = int((counts >= COUNTED).sum()) - int(counts[largest] >= COUNTED)
     kept = Cubes(members.origin, members.side, at[:, component == largest])
-    return Cavities(kept.points(), members.side, others)
+    return Cavities(kept.points(), members.side, further)
 
 
 def _flat(at: Indices, size: Indices) -> Indices:

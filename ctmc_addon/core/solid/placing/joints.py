@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pegs of a cut through several solids: every joint between two sides of the other cuts has its own.
+"""Place the pegs of a cut through several solids; every joint, between two sides of the other cuts, has its own pegs.
 
 Points are (3, n) float64, RAS+ mm.
 """
@@ -28,12 +28,12 @@ class Joined:
     Parameters
     ----------
     depth : Depth
-        Below its surface.
+        Depth below its surface.
     extent : (n, 3)
-        Points such as a mesh's vertices; the solid keeps within their hull, grown by `beyond` mm.
+        Points such as the vertices of a mesh; the solid lies within their hull, grown by `beyond` mm.
     beyond : float
     is_hollow : bool
-        Whether pegs keep near the surface.
+        Whether pegs stay near the surface.
     """
 
     depth: Depth
@@ -49,9 +49,9 @@ class CutPegs:
     Parameters
     ----------
     placed : tuple of (int, PlacedPegs)
-        Those of every joint, with the number of the solid.
+        Pegs of every joint, with the number of its solid.
     refused : tuple of (int, SettingsError)
-        Why a joint has no peg, with the number of the solid.
+        Errors of joints in which no peg fits, with the number of the solid.
     """
 
     placed: tuple[tuple[int, PlacedPegs], ...]
@@ -66,16 +66,16 @@ def cut_pegs_steps(
     Parameters
     ----------
     solid : SolidRequest
-        With cuts and pegs.
+        Has cuts and pegs.
     number : int
-        Of the cut.
+        Number of the cut.
     solids : sequence of Joined
     avoid : sequence of Shape
-        Holes that are there.
+        Holes placed before.
     """
     assert solid.pegs is not None, "the request has pegs"
     cut, planes = solid.cuts[number], [HalfSpace(cut.point, cut.normal) for cut in solid.cuts]
-    others = [(plane, plane.turned) for plane in planes[:number] + planes[number + 1 :]]
+    other_sides = [(plane, plane.turned) for plane in planes[:number] + planes[number + 1 :]]
     placed: list[tuple[int, PlacedPegs]] = []
     refused: list[tuple[int, SettingsError]] = []
     for at, joined in enumerate(solids):
@@ -83,7 +83,7 @@ def cut_pegs_steps(
         if not low < 0 < high:
             continue
         beyond = max(0.0, joined.beyond)
-        for sides in product(*others):
+        for sides in product(*other_sides):
             placing = placed_pegs_steps(
                 cut, solid.pegs, joined.depth, sides, joined.extent, beyond, avoid, joined.is_hollow
             )

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Walls that are thinner than a least thickness, and the shape that thickens them to it, there alone.
+"""Find walls thinner than a least thickness, and make the shape that thickens only these walls to it.
 
-The middle of a thin wall is where the centers of the balls are that touch both of its sides (mesh/distance/
-tangent_balls.py). The centers of a triangle whose corners all lie on thin walls are the corners of a triangle in that
-middle; other centers stand there alone. What lies within half of the least thickness of them is the shape: a plate
-gets the least thickness exactly, a bar this diameter and up to a tenth of its own more, as far as normals are off, and
-where a wall grows thick enough the shape ends inside it.
+The middle of a thin wall consists of the centers of balls that touch both sides (mesh/distance/tangent_balls.py). If
+all corners of a triangle lie on thin walls, their centers form a triangle of the middle; each other center is a point
+of it. The shape is everything within half of the least thickness of the middle. A plate gets exactly the least
+thickness; a bar gets it as diameter, plus up to a tenth of its own where normals are off. Where a wall is thick enough,
+the shape ends inside it.
 
-A ball near an edge is small too. Only where it meets what faces it is there a wall (walls.py), or where its far end
-lies as near to the surface as between two sides that do: a ball in a round bar may meet any of it. So the edges of a
-box are none, and a blade below 30 degrees is one.
+A ball near an edge is small too. It belongs to a wall only if it meets a surface that faces it (walls.py), or if its
+far end lies as near to the surface as it would between two facing sides, because a ball in a round bar may meet any
+side. So the edges of a box are not walls, and a blade below 30 degrees is one.
 
 Distances are in mm, positive inside; points are (3, n) float64, RAS+ mm.
 """
@@ -24,6 +24,7 @@ import numpy as np
 
 from ...arrays import Doubles, Flags
 from ...machine.parallel import worker_count
+from ...measures.units import mm_text
 from ...mesh.distance.surface_samples import SurfaceSamples, surface_samples_steps
 from ...mesh.distance.tangent_balls import TRIANGLE_SLOPE, TangentBalls
 from ...mesh.distance.triangle_tree import BLOCK, TriangleTree
@@ -36,27 +37,27 @@ from ..request import Point
 from .near_cells import NearCells, near_cells_steps
 from .rounding import place_text
 
-BETWEEN = 2.0  # Samples stand in triangles whose longest edge is longer than this many spacings.
-PER_WALL = 1 / 3  # Where walls are looked for again, samples are closer: an edge is at most this share of the wall.
-MORE = 1 / 8  # Of a spacing: what chords of the lattice took away is added on each side, more every time.
-SEARCHED = 1.05  # Balls up to this share of the least wall are looked for.
-EMPTY = 0.7  # A ball whose center is nearer to the surface than this share of its radius stands at a rim.
-FAR = 2.0  # Points more than this many spacings outside count as that far away.
-STAGES = {"Sampling the surface": 1, "Measuring walls": 8, "Preparing their middle": 1}
+BETWEEN = 2.0  # Triangles whose longest edge exceeds this many spacings get samples inside.
+PER_WALL = 1 / 3  # In a repeated search, samples are closer: an edge is at most this share of the wall.
+MORE = 1 / 8  # Each repetition adds this share of a spacing on either side, which chords of the lattice cut off.
+SEARCHED = 1.05  # Search for balls with diameters up to this share of the least wall.
+EMPTY = 0.7  # A ball whose center is nearer to the surface than this share of its radius lies at a rim.
+FAR = 2.0  # Points farther outside than this many spacings count as that far away.
+STAGES = {"Sampling the surface": 1, "Measuring walls": 8, "Preparing the middle of walls": 1}
 
 
 @dataclass(frozen=True)
 class Thickening:
-    """What lies within a radius of the middle of thin walls.
+    """The shape within a radius of the middle of thin walls.
 
     Parameters
     ----------
     middle : TriangleTree
-        Triangles, some of them points.
+        Triangles, some of which are points.
     radius : float
         Half of the least wall.
     cells : NearCells
-        Cubes outside of which points count as one side of them away from the middle, which saves time.
+        Points outside these cubes count as one side of a cube away from the middle, which saves time.
     """
 
     middle: TriangleTree
@@ -65,17 +66,17 @@ class Thickening:
 
     @property
     def box(self) -> Box:
-        """Box that holds it."""
+        """Box that holds the shape."""
         corners = self.middle.corners
         return corners.min(axis=(0, 2)) - self.radius, corners.max(axis=(0, 2)) + self.radius
 
     @property
     def planes(self) -> tuple[Plane, ...]:
-        """None: it is round."""
+        """Empty, because the surface is round."""
         return ()
 
     def at(self, points: Doubles) -> Doubles:
-        """Return the distance to the surface, exact up to `FAR` spacings outside."""
+        """Return the signed distance to the surface, exact up to `FAR` spacings outside."""
         farthest = self.cells.side
         out = np.full(points.shape[1], self.radius - farthest)
         near = self.cells.of(points)
@@ -93,13 +94,13 @@ class ThinWalls:
     Parameters
     ----------
     shape : Thickening or None
-        To be added to the solid; None where nothing is thin.
+        Shape to add to the solid; None if no wall is thin.
     share : float
-        Of the area of the surface that bounds thin walls, 0 to 1.
+        Share of the surface that bounds thin walls, 0 to 1.
     thinnest : float or None
-        Thickness of the thinnest wall, mm, of an area as in walls.py.
+        Thickness of the thinnest wall, mm; its area is at least that in walls.py.
     place : (x, y, z) float or None
-        In the middle of that wall, RAS+ mm.
+        Point in the middle of that wall, RAS+ mm.
     notes : tuple of str
         Sentences for the user.
     """
@@ -123,13 +124,13 @@ def thin_walls_steps(
     least : float
         Above 0, mm.
     spacing : float
-        Usual edge of the mesh, mm; triangles with edges twice as long are sampled too.
+        Usual edge of the mesh, mm; triangles with edges more than twice as long get samples inside.
     threads : int, optional
-        By default one for each processor.
+        Default: one for each processor.
     before : sequence of Thickening
-        What thickens the solid already: walls are looked for again near it; see `PER_WALL` and `MORE`.
+        Shapes that thicken the solid already: only walls near them are searched; see `PER_WALL` and `MORE`.
     """
-    nothing = ThinWalls(notes=(f"No wall is thinner than {least:g} mm.",))
+    nothing = ThinWalls(notes=(f"No wall is thinner than {mm_text(least)}.",))
     if not len(mesh.faces):
         return nothing
     apart = BETWEEN * spacing
@@ -145,13 +146,13 @@ def thin_walls_steps(
         return nothing
     radius = least / 2 + len(before) * MORE * spacing
     shape = yield from stages.run(preparing, _shape_steps(mesh, thin, centers, radius, FAR * spacing))
-    return _told(diameters, centers, samples.areas, thin, least, shape)
+    return _described(diameters, centers, samples.areas, thin, least, shape)
 
 
-def _told(
+def _described(
     diameters: Doubles, centers: Doubles, areas: Doubles, thin: Flags, least: float, shape: Thickening
 ) -> ThinWalls:
-    """Return thin walls with what is said about them."""
+    """Return thin walls with their measures and a note."""
     whole, own = np.cumsum(np.stack([areas, np.where(thin, areas, 0.0)]), axis=1)[:, -1].tolist()
     thinnest_first = np.flatnonzero(thin)[np.argsort(diameters[thin], kind="stable")]
     enough = int(np.searchsorted(np.cumsum(areas[thinnest_first]), min(LEAST_MM2, LEAST_SHARE * whole)))
@@ -159,14 +160,14 @@ def _told(
     x, y, z = centers[at].tolist()
     thinnest, share = float(diameters[at]), own / whole if whole else 0.0
     note = (
-        f"{_percent(share)} of the surface bounds walls thinner than {least:g} mm, down to {thinnest:.3g} mm at "
-        f"{place_text((x, y, z), least)}; they are thickened, by up to {least - thinnest:.3g} mm."
+        f"{_percent(share)} of the surface bounds walls thinner than {mm_text(least)}, down to {mm_text(thinnest, 3)} "
+        f"at {place_text((x, y, z), least)}; they are thickened, by up to {mm_text(least - thinnest, 3)}."
     )
     return ThinWalls(shape, share, thinnest, (x, y, z), (note,))
 
 
 def _shape_steps(mesh: TriangleMesh, thin: Flags, centers: Doubles, radius: float, far: float) -> Steps[Thickening]:
-    """Return what thickens thin walls."""
+    """Return the shape that thickens thin walls."""
     middle = yield from _middle_steps(mesh, thin, centers)
     tree = TriangleTree()
     yield from tree.prepare_steps(middle)
@@ -176,9 +177,9 @@ def _shape_steps(mesh: TriangleMesh, thin: Flags, centers: Doubles, radius: floa
 def _balls_steps(
     mesh: TriangleMesh, samples: SurfaceSamples, limit: float, threads: int, near: Sequence[Thickening]
 ) -> Steps[tuple[Doubles, Doubles]]:
-    """Return the balls that touch both sides of walls, up to a radius, by sample: near some shapes, or all.
+    """Return the balls that touch both sides of walls, up to a radius: near the shapes, or everywhere without any.
 
-    Diameters (n,), NaN where there is none, and centers (n, 3).
+    Diameters (n,) and centers (n, 3) are those at the samples; the diameter is NaN if there is no ball.
     """
     tree, gap, areas = samples
     balls = TangentBalls(tree, gap, limit, TRIANGLE_SLOPE)
@@ -196,15 +197,15 @@ def _balls_steps(
     ways = tree.normals[:, places].astype(np.float64) * radii[places]
     middles = tree.positions[:, places].astype(np.float64) + tree.middle[:, None] + ways
     facing = balls.facing(places) <= FACING
-    others = np.flatnonzero(~facing)
-    if len(others):
+    not_facing = np.flatnonzero(~facing)
+    if len(not_facing):
         surface = TriangleTree()
         yield from surface.prepare_steps(mesh)
-        reach = (1 + FACING) * radii[places[others]]
-        ends = surface.distances_steps((middles + ways)[:, others].T, float(reach.max()), threads)
-        others = others[(yield from equal_part(ends, 2, 4)) <= reach]
-        empty = yield from equal_part(surface.distances_steps(middles[:, others].T, limit, threads), 3, 4)
-        facing[others[empty >= EMPTY * radii[places[others]]]] = True
+        reach = (1 + FACING) * radii[places[not_facing]]
+        ends = surface.distances_steps((middles + ways)[:, not_facing].T, float(reach.max()), threads)
+        not_facing = not_facing[(yield from equal_part(ends, 2, 4)) <= reach]
+        empty = yield from equal_part(surface.distances_steps(middles[:, not_facing].T, limit, threads), 3, 4)
+        facing[not_facing[empty >= EMPTY * radii[places[not_facing]]]] = True
     numbers = tree.order[places[facing]]
     diameters, centers = np.full(len(areas), np.nan), np.zeros((len(areas), 3))
     diameters[numbers] = 2 * radii[places[facing]]
@@ -219,8 +220,8 @@ def _middle_steps(mesh: TriangleMesh, thin: Flags, centers: Doubles) -> Steps[Tr
     covered = np.zeros(len(thin), np.bool_)
     covered[faces] = True
     yield PAUSE
-    alone = np.flatnonzero(thin & ~covered).astype(np.int32)
-    numbers = np.concatenate([faces, np.repeat(alone[:, None], 3, axis=1)])
+    isolated = np.flatnonzero(thin & ~covered).astype(np.int32)
+    numbers = np.concatenate([faces, np.repeat(isolated[:, None], 3, axis=1)])
     used, renumbered = compacted(numbers, len(thin))
     yield PAUSE
     return TriangleMesh(centers[used].astype(np.float32), renumbered)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cubes near the triangles of a tree, so that most points far from all of them are told at once.
+"""Mark cubes near the triangles of a tree, so that points far from all triangles are found at once.
 
-A cube holds a part of a triangle's box, or has a neighbor that does; all others are farther away than a cube's side.
+A cube is near if it or a neighbor holds a part of a triangle's box; all other cubes are farther away than their side.
 Positions are RAS+ mm.
 """
 
@@ -18,7 +18,7 @@ from ...mesh.distance.triangle_tree import TriangleTree
 from ...mesh.topology import FACES_PER_STEP
 from ...progress import PAUSE, Steps
 
-MOST_CUBES = 512  # Along the longest side of the box.
+MOST_CUBES = 512  # The longest side of the box has at most this many cubes.
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,9 +28,9 @@ class NearCells:
     Parameters
     ----------
     low : (3,) float64
-        Where it begins.
+        Lowest corner.
     side : float
-        Of a cube, mm: farther than this from all triangles are the points of cubes that are not near.
+        Side of a cube, mm: points in cubes that are not near are farther than this from all triangles.
     near : (x, y, z) bool
     """
 
@@ -39,7 +39,7 @@ class NearCells:
     near: Flags
 
     def of(self, points: Doubles) -> NDArray[np.intp]:
-        """Return which of points (3, n) are in a near cube, by number."""
+        """Return the indices of points (3, n) that lie in near cubes."""
         at = np.floor((points - self.low[:, None]) / self.side)
         sizes = np.array(self.near.shape)[:, None]
         within = np.flatnonzero(((at >= 0) & (at < sizes)).all(axis=0))
@@ -48,11 +48,11 @@ class NearCells:
 
 
 def near_cells_steps(tree: TriangleTree, distance: float) -> Steps[NearCells]:
-    """Return the cubes outside of which nothing is within a distance, mm, of the triangles."""
+    """Return the cubes that hold every point within a distance, mm, of the triangles."""
     corners = tree.corners
     low, high = corners.min(axis=(0, 2)), corners.max(axis=(0, 2))
     side = max(distance, float((high - low).max()) / MOST_CUBES) * (1 + 2.0**-20)
-    low = low - 1.5 * side  # one cube free on every side
+    low = low - 1.5 * side  # One cube free on every side.
     shape = [math.floor(span / side) + 3 for span in (high - low).tolist()]
     near = np.zeros(shape, np.bool_)
     for start in range(0, corners.shape[2], FACES_PER_STEP):

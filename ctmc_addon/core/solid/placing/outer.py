@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Outer surfaces of a structure: its components without its cavities, each with distances of its own."""
+"""Find the outer surfaces of a structure: its components except cavities, each with its own distances."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from ...progress import PAUSE, Steps
 
 
 class OuterSurfaces:
-    """The outer surfaces of a closed mesh, ready to be asked for the one around a point."""
+    """The outer surfaces of a closed mesh, prepared to find the one around a point."""
 
     def prepare_steps(self, surface: SignedSurface) -> Steps[None]:
-        """Take in a structure."""
+        """Read the components of a structure."""
         mesh = surface.mesh
         self._whole = surface
         self._component = yield from component_numbers_steps(mesh.faces, len(mesh.vertices))
@@ -36,7 +36,7 @@ class OuterSurfaces:
         self._prepared: dict[int, SignedSurface] = {}
 
     def around_steps(self, point: Doubles, beyond: float = 0.0) -> Steps[SignedSurface | None]:
-        """Return the largest outer surface, grown by `beyond` mm, that a point (3,) is inside of; None for no such."""
+        """Return the largest outer surface that, grown by `beyond` mm, holds a point (3,); None if none does."""
         within = (self._low - beyond < point) & (point < self._high + beyond)
         for number in self._largest_first.tolist():
             if within[number].all():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Planes of cuts, to show and to move them. Places are RAS+ mm."""
+"""Show and move the planes of cuts. Points are RAS+ mm."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ def rectangle_of(cut: Cut, corners: Doubles) -> Doubles:
     ----------
     cut : Cut
     corners : (n, 3) float64
-        Of the box.
+        Corners of the box.
 
     Returns
     -------
     (4, 3) float64
-        Its corners, one after the other.
+        Corners of the rectangle in order.
 
     Examples
     --------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Numbers that messages offer, short and on the side that works: of microns as of meters."""
+"""Round numbers that messages suggest: few digits, on the side that works, for microns as for meters."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ DIGITS = 3
 
 
 def rounded_up(value: float, digits: int = DIGITS) -> float:
-    """Return the least number of few digits that is no less.
+    """Return the least number with few digits that is not below `value`.
 
     Examples
     --------
@@ -20,7 +20,7 @@ def rounded_up(value: float, digits: int = DIGITS) -> float:
 
 
 def rounded_down(value: float, digits: int = DIGITS) -> float:
-    """Return the greatest number of few digits that is no more.
+    """Return the greatest number with few digits that is not above `value`.
 
     Examples
     --------
@@ -34,7 +34,7 @@ def rounded_down(value: float, digits: int = DIGITS) -> float:
 
 
 def step_of(value: float, digits: int = DIGITS) -> float:
-    """Return the worth of the last of a number's digits.
+    """Return the value of one unit in the last of a number's digits.
 
     Examples
     --------
@@ -45,7 +45,7 @@ def step_of(value: float, digits: int = DIGITS) -> float:
 
 
 def placed(values: Iterable[float], near: float) -> list[float]:
-    """Return a place rounded by no more than a tenth of `near`, as a message gives it, without negative zeros.
+    """Return a point rounded by at most a tenth of `near` for a message, without negative zeros.
 
     Examples
     --------

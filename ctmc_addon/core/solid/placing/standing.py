@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whether parts stand: their centers of mass, what they rest on, and pieces that hang above.
+"""Check whether parts stand: their centers of mass, the points they rest on, and pieces that hang above.
 
-Lengths are in mm, places RAS+ mm.
+Lengths are in mm, positions RAS+ mm.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Doubles
+from ...measures.units import mm_text
 from ...mesh.labels.label_complex import ComplexMesh, bordering
 from ...mesh.topology import FACES_PER_STEP, compacted, component_numbers_steps, components_of_vertices
 from ...mesh.triangle_mesh import TriangleMesh
@@ -23,24 +24,24 @@ from ..request import Point
 from .foot import Foot, foot_steps, outline_of
 from .rounding import rounded_up
 
-LEVEL = 1 - 1e-6  # The upward part of a level plane's normal; 0.08 degrees are level.
-RESTING = 0.05  # What lies no higher than this share of a step above the lowest point rests on the ground.
+LEVEL = 1 - 1e-6  # A plane is level if its unit normal points up by more than this: within 0.08 degrees.
+RESTING = 0.05  # Vertices up to this share of a step above the lowest point rest on the ground.
 
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """The components of a closed mesh, cavities among them.
+    """The components of a closed mesh, including cavities.
 
     Parameters
     ----------
     of_vertex : (v,) int32
         Number of each vertex's component.
     volumes : (n,) float64
-        Below 0 for a cavity.
+        Enclosed volume, below 0 for a cavity.
     low, high : (n,) float64
-        From where to where each goes along z.
+        Range of each along z.
     center : (x, y, z) float
-        Center of mass of all.
+        Center of mass of all components.
     """
 
     of_vertex: NDArray[np.int32]
@@ -55,7 +56,7 @@ def pieces_steps(mesh: TriangleMesh) -> Steps[Pieces]:
     component = yield from component_numbers_steps(mesh.faces, len(mesh.vertices))
     count = int(component.max()) + 1
     middle = mesh.vertices.mean(axis=0, dtype=np.float64)
-    sums = np.zeros((4, count))  # six volumes, and 24 volumes times the distance of their middle
+    sums = np.zeros((4, count))  # 6 times the volume, and 24 times the volume times its center.
     for start in range(0, len(mesh.faces), FACES_PER_STEP):
         block = slice(start, start + FACES_PER_STEP)
         a, b, c = (mesh.vertices[mesh.faces[block, corner]].T - middle[:, None] for corner in range(3))
@@ -75,8 +76,8 @@ def pieces_steps(mesh: TriangleMesh) -> Steps[Pieces]:
     return Pieces(of_vertex, sums[0] / 6, low, high, (x, y, z))
 
 
-def _beside_rest(vertices: NDArray[np.float32], center: Point, near: float) -> float:
-    """Return how far a center of mass lies beside the vertices (v, 3) that are `near` the lowest; below 0 within."""
+def _outside_rest(vertices: NDArray[np.float32], center: Point, near: float) -> float:
+    """Return how far a center of mass lies outside the vertices (v, 3) `near` the lowest one; below 0 inside."""
     heights = vertices[:, 2]
     resting = vertices[heights <= heights.min() + near, :2].T.astype(np.float64)
     return float((outline_of(np.array(center[:2])[:, None]) - outline_of(resting)).max())
@@ -84,14 +85,16 @@ def _beside_rest(vertices: NDArray[np.float32], center: Point, near: float) -> f
 
 @dataclass(frozen=True, eq=False)
 class Feet:
-    """The feet of parts, by the number of the part.
+    """The feet of parts.
+
+    Both mappings have the number of a part as key.
 
     Parameters
     ----------
     lattice : Lattice
     shapes : dict of int to Foot
     level : dict of int to float
-        Height of the level cuts that other parts stand on without a foot.
+        Height of the level cut on which a part without a foot stands.
     """
 
     lattice: Lattice
@@ -105,9 +108,9 @@ def feet_steps(
     lattice: Lattice,
     sides: Callable[[int], Iterable[tuple[HalfSpace, float]]],
     holes: Callable[[int], Iterable[Bar]],
-    alone: bool,
+    is_single: bool,
 ) -> Steps[Feet]:
-    """Make a foot for every part, but none for one that stands on a level cut.
+    """Make a foot for every part that does not stand on a level cut.
 
     Parameters
     ----------
@@ -117,22 +120,22 @@ def feet_steps(
         Height of a foot, mm.
     lattice : Lattice
     sides : callable
-        Return the planes that bound a part, each with 1.0 if it lies above it along its normal, else -1.0.
+        Returns the planes that bound a part, each with 1.0 if the part is on the side of its normal, else -1.0.
     holes : callable
-        Return the drains of a part.
-    alone : bool
-        Whether they are of one structure.
+        Returns the drains of a part.
+    is_single : bool
+        Whether all parts belong to one structure.
     """
     feet = Feet(lattice, {}, {})
     for part in mesh.labels:
         own = mesh.of_label(part)
         pieces = yield from pieces_steps(own)
-        foot = yield from foot_steps(own, pieces.center, base, lattice, alone)
+        foot = yield from foot_steps(own, pieces.center, base, lattice, is_single)
         near, lowest = RESTING * lattice.shortest_mm, float(pieces.low.min())
         is_level = any(
             sign * plane.unit[2] > LEVEL and abs(plane.point[2] - lowest) < near for plane, sign in sides(part)
         )
-        if is_level and _beside_rest(own.vertices, pieces.center, near) < 0:
+        if is_level and _outside_rest(own.vertices, pieces.center, near) < 0:
             feet.level[part] = lowest
         else:
             feet.shapes[part] = foot.with_holes(holes(part))
@@ -140,7 +143,7 @@ def feet_steps(
 
 
 def stood_steps(mesh: ComplexMesh, feet: Feet) -> Steps[tuple[ComplexMesh, NDArray[np.intp], dict[int, list[str]]]]:
-    """Remove pieces that others cut off from feet, and say which parts have no foot or do not stand.
+    """Remove pieces cut off from feet by other parts, and note which parts have no foot or do not stand.
 
     Parameters
     ----------
@@ -152,7 +155,7 @@ def stood_steps(mesh: ComplexMesh, feet: Feet) -> Steps[tuple[ComplexMesh, NDArr
     -------
     mesh : ComplexMesh
     kept : (f,) int
-        Which of the triangles are left, rising.
+        Numbers of the triangles that are left, rising.
     notes : dict of int to list of str
         By the number of the part.
     """
@@ -170,8 +173,8 @@ def stood_steps(mesh: ComplexMesh, feet: Feet) -> Steps[tuple[ComplexMesh, NDArr
             sides[numbers] = np.where(mesh.sides[numbers] == part, 0, sides[numbers])
         yield PAUSE
         resting = vertices[~loose[pieces.of_vertex]]
-        beside = _beside_rest(resting, pieces.center, near)
-        notes[part] = list(_notes(pieces, beside, feet, part))
+        outside_mm = _outside_rest(resting, pieces.center, near)
+        notes[part] = list(_notes(pieces, outside_mm, feet, part))
     kept = np.flatnonzero(sides[:, 0] != sides[:, 1])
     if len(kept) < len(sides):
         used, faces = compacted(mesh.faces[kept], len(mesh.vertices))
@@ -179,23 +182,23 @@ def stood_steps(mesh: ComplexMesh, feet: Feet) -> Steps[tuple[ComplexMesh, NDArr
     return mesh, kept, notes
 
 
-def _notes(pieces: Pieces, beside: float, feet: Feet, part: int) -> Iterator[str]:
-    """Yield what a user should know about how a part stands."""
+def _notes(pieces: Pieces, outside: float, feet: Feet, part: int) -> Iterator[str]:
+    """Yield notes on how a part stands."""
     foot = feet.shapes.get(part)
     low = feet.level[part] if foot is None else foot.low
     rest = "level cut" if foot is None else "foot"
     below = low - float(pieces.low.min())
     if below > feet.lattice.shortest_mm / 2:
         yield (
-            f"The pegs reach {below:.3g} mm below the {rest}; "
+            f"The pegs reach {mm_text(below, 3)} below the {rest}; "
             "flip the normal of the cut, so that the other part has the pegs."
         )
     elif foot is None:
         yield "The part stands on its level cut and has no foot."
-    elif beside > 0:
+    elif outside > 0:
         yield (
-            f"The part does not stand: its center of mass lies {beside:.3g} mm outside its foot, and a cut or another "
-            "part leaves no room for a wider one; lay it on its cut, or make the cut level."
+            f"The part does not stand: its center of mass lies {mm_text(outside, 3)} outside its foot, and a cut or "
+            "another part leaves no room for a wider one; lay it on its cut, or make the cut level."
         )
     top = low + RESTING * feet.lattice.shortest_mm if foot is None else foot.high
     hanging = pieces.low[(pieces.volumes > 0) & (pieces.low > top)]

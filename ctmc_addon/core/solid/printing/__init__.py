@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Facts about parts for a print lab."""
+"""Measure the facts about parts that a print lab needs."""

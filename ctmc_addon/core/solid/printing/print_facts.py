@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Facts that a print lab asks of a part.
+"""Measure the facts about a part that a print lab needs.
 
-The part lies as it is in RAS+ mm and is printed along +z, on a bed at its lowest point.
+The part keeps its orientation in RAS+ mm and is printed along +z, on a bed at its lowest point.
 """
 
 from __future__ import annotations
@@ -16,55 +16,55 @@ import numpy as np
 from ...arithmetic import arctangents
 from ...arrays import Flags
 from ...machine.budget import Budget
+from ...measures.units import spacing_text
 from ...mesh.face_normals import face_vectors
 from ...mesh.topology import FACES_PER_STEP
 from ...mesh.triangle_mesh import TriangleMesh
 from ...progress import PAUSE, Stages, Steps
-from ...units import number_text
 from ..request import MOST_CUTS, Point, SolidRequest
 from .walls import walls_steps
 
-STEEP = math.sqrt(0.5)  # The sine of 45 degrees, from which on printers need supports.
-LEAST_SHARE = 0.001  # An overhang counts if this share of the area overhangs as far.
+STEEP = math.sqrt(0.5)  # The sine of 45 degrees; printers need supports beyond it.
+LEAST_SHARE = 0.001  # An overhang counts if at least this share of the area overhangs as far.
 ON_BED = 0.1  # Faces this near to the lowest point rest on the bed, mm: about one layer.
-ROUNDING = 0.01  # What positions of cuts are rounded to, and a part may be larger than the bed, mm.
+ROUNDING = 0.01  # Positions of cuts are rounded to this, and a part may exceed the bed by it, mm.
 MM2_PER_CM2, MM3_PER_ML = 100.0, 1000.0
 STAGES = {"Measuring overhangs": 1, "Measuring walls": 9}
 
 
 @dataclass(frozen=True)
 class PrintFacts:
-    """Facts that a print lab asks of a part.
+    """Facts about a part for a print lab.
 
     Parameters
     ----------
     size_mm : (x, y, z) float
         Sides of the box around it along the axes of RAS.
     material_ml : float or None
-        The volume that it encloses, less its cavities; None for an open surface.
+        Enclosed volume without cavities; None for an open surface.
     area_cm2 : float
-        Area of its surface, with that of cavities.
+        Area of the surface, including cavities.
     thinnest_wall_mm : float or None
-        As `Walls.thinnest` has it: sharp edges do not count.
+        As `Walls.thinnest`: sharp edges do not count.
     below_least_wall : float or None
-        Share of the area whose wall is thinner than the least wall, 0 to 1; None if no least wall was asked for.
+        Share of the area whose wall is thinner than the least wall, 0 to 1; None without a least wall.
     pieces : int
-        Separate components that enclose material, loose ones within cavities among them.
+        Components that enclose material, including loose ones inside cavities.
     closed_cavities : int
-        Cavities that no drain opens.
+        Cavities without a drain.
     largest_overhang_deg : float
         The largest angle from the vertical of faces that look down, 90 for a ceiling, that a thousandth of the area
         reaches; faces on the bed do not count. 0 if nothing overhangs.
     overhang_share : float
         Share of the area that overhangs by more than 45 degrees, 0 to 1.
     least_wall_mm : float or None
-        Least wall that was asked for.
+        Requested least wall.
     bed_mm : (x, y, z) float or None
-        Space of the printer, if one was given.
+        Requested space of the printer.
     fits_bed : bool or None
-        Whether it fits there as it lies, or turned about z by 90 degrees; None without a bed.
+        Whether the part fits as it lies, or turned about z by 90 degrees; None without a bed.
     cuts : tuple of str
-        Where it does not fit, cuts that divide it evenly into what does: "--cut X Y Z NX NY NZ".
+        If it does not fit, cuts that divide it evenly into pieces that do: "--cut X Y Z NX NY NZ".
     """
 
     size_mm: Point
@@ -87,14 +87,13 @@ class PrintFacts:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return in sentences what speaks against a print, each with a remedy."""
+        """Return the reasons against a print as sentences, each with a remedy."""
         notes = []
         if self.fits_bed is False and self.bed_mm is not None:
-            bed = " x ".join(number_text(side) for side in self.bed_mm)
             remedy = f"cut it with {' '.join(self.cuts)}"
             if len(self.cuts) > MOST_CUTS:
-                remedy = f"it takes {len(self.cuts)} cuts, and {MOST_CUTS} are possible; give a larger bed"
-            notes.append(f"The part does not fit the bed of {bed} mm; {remedy}")
+                remedy = f"it takes {len(self.cuts)} cuts, and at most {MOST_CUTS} are possible; give a larger bed"
+            notes.append(f"The part does not fit the bed of {spacing_text(self.bed_mm)}; {remedy}")
         if self.closed_cavities:
             what = "1 cavity" if self.closed_cavities == 1 else f"{self.closed_cavities} cavities"
             notes.append(f"The part encloses {what} without a drain; --drain X Y Z MM opens one")
@@ -104,17 +103,17 @@ class PrintFacts:
 def print_facts_steps(
     mesh: TriangleMesh, solid: SolidRequest, budget: Budget | None = None, spacing: float | None = None
 ) -> Steps[PrintFacts]:
-    """Work out the facts of a part.
+    """Measure the facts about a part.
 
     Parameters
     ----------
     mesh : TriangleMesh
         RAS+ mm.
     solid : SolidRequest
-        Its least wall, bed and pegs count.
+        Only its least wall, bed and pegs matter.
     budget : Budget, optional
     spacing : float, optional
-        Spacing of what the part was made from, mm, for the samples of its walls.
+        Spacing of the samples that the part was made from, mm, for the samples of its walls.
 
     Raises
     ------
@@ -148,7 +147,7 @@ def print_facts_steps(
 
 
 def _sampling(solid: SolidRequest, spacing: float | None) -> float | None:
-    """Return how far samples of walls are apart: as far as the walls that the request names are thick, at most."""
+    """Return the distance between samples of walls: at most the thickness of the walls in the request."""
     if spacing is None:
         return None
     return min([spacing, *(wall for wall in (solid.hollow, solid.least_wall) if wall)])
@@ -179,7 +178,7 @@ def _overhang_steps(mesh: TriangleMesh, area: float) -> Steps[tuple[float, float
 
 
 def _degrees_of_sine(sine: float) -> float:
-    """Return an angle from 0 to 90 degrees by its sine, the same bits everywhere.
+    """Return an angle from 0 to 90 degrees by its sine, with the same bits everywhere.
 
     Examples
     --------
@@ -193,14 +192,14 @@ def _degrees_of_sine(sine: float) -> float:
 def cuts_to_fit(low: Sequence[float], high: Sequence[float], solid: SolidRequest) -> tuple[str, ...]:
     """Return cuts across the axes that divide a box evenly into pieces that fit the bed; empty if it fits.
 
-    The box may be turned about z by 90 degrees; the way with fewer pieces is taken. Pegs take room on the bed.
+    The box may be turned about z by 90 degrees if that needs fewer pieces. Pegs take room on the bed.
 
     Parameters
     ----------
     low, high : (x, y, z) float
         Corners of the box, RAS+ mm.
     solid : SolidRequest
-        Its bed and pegs count.
+        Only its bed and pegs matter.
 
     Examples
     --------
@@ -215,7 +214,7 @@ def cuts_to_fit(low: Sequence[float], high: Sequence[float], solid: SolidRequest
     sides = [end - start for start, end in zip(low, high, strict=True)]
     peg = solid.pegs.length if solid.pegs is not None else 0.0
     ways = [[_pieces(side, room, peg) for side, room in zip(sides, bed, strict=True)] for bed in ((x, y, z), (y, x, z))]
-    counts = min(ways, key=math.prod)  # As it lies, if both ways take as many.
+    counts = min(ways, key=math.prod)  # As it lies, if both take the same number.
     middle = [(start + end) / 2 for start, end in zip(low, high, strict=True)]
     cuts = []
     for axis, count in enumerate(counts):
@@ -228,7 +227,7 @@ def cuts_to_fit(low: Sequence[float], high: Sequence[float], solid: SolidRequest
 
 
 def _pieces(side: float, room: float, peg: float) -> int:
-    """Return the number of pieces that a side is cut into, each with a peg at one end at most."""
+    """Return the number of pieces into which a side is cut, each with a peg at one end at most."""
     if side <= room + ROUNDING:
         return 1
     free = room - peg if room > peg else room

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Add the facts for a print lab to parts: the only place that does."""
+"""Add the facts for a print lab to parts; no other module does."""
 
 from __future__ import annotations
 
@@ -8,34 +8,34 @@ from dataclasses import replace
 
 from ...errors import MeshError
 from ...machine.budget import Budget
+from ...measures.reconstruction import Reconstruction, Stage
 from ...progress import Stages, Steps
-from ...reconstruction import Reconstruction, Stage
 from ..request import SolidRequest
 from .print_facts import print_facts_steps
 
 PRINTING = "Measuring for print"
-"""The stage of a part's facts."""
+"""The stage in which the facts of parts are measured."""
 
 
 def printed_steps(
     results: Sequence[Reconstruction], solid: SolidRequest, budget: Budget | None = None, spacing: float | None = None
 ) -> Steps[list[Reconstruction]]:
-    """Return parts, or any surfaces, with the facts for a print lab, and with notes of what speaks against a print.
+    """Return parts, or any surfaces, with the facts for a print lab and notes on what speaks against a print.
 
     Parameters
     ----------
     results : sequence of Reconstruction
         Held in memory, in RAS+ mm.
     solid : SolidRequest
-        The request that they were made by; its bed and least wall count.
+        The request for the parts; only its bed, pegs and least wall matter.
     budget : Budget, optional
     spacing : float, optional
-        How far samples of walls are apart, mm; by default as far as the samples of the volume, or less for thin walls.
+        Distance between samples of walls, mm; by default that of the samples of the volume, less for thin walls.
 
     Raises
     ------
     MeshError
-        If a surface is written already, or has no triangles.
+        If a surface has been written already or has no triangles.
     """
     stages = Stages({f"{at}": 1.0 + len(result.mesh.faces) for at, result in enumerate(results)})
     printed = []

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Walls of a part: how thin they are, and how much of the surface has thin ones.
+"""Measure the walls of a part: how thin they are, and the share of the surface with thin walls.
 
-The thickness at a place is the diameter of the largest ball inside that touches the surface there (maps/thickness.py).
-Toward a sharp edge it falls to 0, which no print lab calls a wall. A place belongs to a wall only where its ball meets
-a surface that faces it: the two sides are parallel to within 30 degrees (`FACING`). So edges of 30 degrees and more do
-not count, and a blade that is sharper does.
+The thickness at a point is the diameter of the largest ball inside that touches the surface there (maps/thickness.py).
+It falls to 0 toward a sharp edge, which is not a wall to a print lab. A point belongs to a wall only if its ball meets
+a surface that faces it: the two sides are parallel to within 30 degrees (`FACING`). So an edge of 30 degrees or more
+does not count, and a sharper blade does.
 
-A wall has an area, so a single sample decides nothing: the thinnest wall is the least thickness at which the walls that
-are not thicker cover the two sides of a square millimeter, or a thousandth of the surface where that is less.
+A wall has an area, so a single sample decides nothing. The thinnest wall is the least thickness for which walls up to
+it cover both sides of a square millimeter, or a thousandth of the surface if that is less.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ from ...mesh.distance.tangent_balls import TRIANGLE_SLOPE, TangentBalls
 from ...mesh.triangle_mesh import TriangleMesh
 from ...progress import Stages, Steps
 
-FACING = -math.sqrt(0.75)  # The cosine of 150 degrees between the normals of both sides.
-LEAST_MM2, LEAST_SHARE = 2.0, 0.001  # The area of the thinnest wall, both sides; the lesser of both counts.
-SAMPLES = 50_000  # Without a spacing, a surface has at least about so many samples.
-MOST_SAMPLES = 300_000  # However thin the walls are that are looked for, about so many are added to the vertices.
-MOST_ASKED = 60_000  # Measure about so many of them, evenly.
-BETWEEN = 2.0  # Triangles with an edge of more than this many spacings have samples of their own.
+FACING = -math.sqrt(0.75)  # The cosine of 150 degrees; the normals of facing sides are at least that far apart.
+LEAST_MM2, LEAST_SHARE = 2.0, 0.001  # The area of the thinnest wall, both sides; the smaller of the two counts.
+SAMPLES = 50_000  # Without a spacing, a surface has at least about this many samples.
+MOST_SAMPLES = 300_000  # At most about this many samples are added to the vertices, even for thin walls.
+MOST_MEASURED = 60_000  # Measure about this many samples, evenly spread.
+BETWEEN = 2.0  # Triangles with an edge of more than this many spacings get samples inside.
 SAME = 0.02  # A wall is below a limit if it is thinner by more than this share, twice the error of a ball.
-BOX_MARGIN = 0.1  # for normals that are not quite right
+BOX_MARGIN = 0.1  # Enlarge the box by this share, because normals are inexact.
 STAGES = {"Sampling the surface": 1, "Measuring walls": 8}
 
 
 @dataclass(frozen=True, eq=False)
 class Walls:
-    """Samples of a surface that belong to walls, the thinnest first.
+    """The samples of a surface that belong to walls, thinnest first.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class Walls:
     area : float
         Area of the whole surface, mm2.
     thickest : float or None
-        The largest ball inside, mm; None where nothing limits any, as in an open surface.
+        Diameter of the largest ball inside, mm; None if no ball is limited, as in an open surface.
     """
 
     thickness: Doubles
@@ -59,12 +59,12 @@ class Walls:
 
     @property
     def thinnest(self) -> float | None:
-        """The thinnest wall, mm; that of the largest ball where no two sides face each other, as in a cube."""
+        """The thinnest wall, mm; if no two sides face each other, as in a cube, the diameter of the largest ball."""
         enough = int(np.searchsorted(np.cumsum(self.areas), min(LEAST_MM2, LEAST_SHARE * self.area)))
         return float(self.thickness[enough]) if enough < len(self.thickness) else self.thickest
 
     def share_below(self, limit: float) -> float:
-        """Return the share of the area with walls thinner than a limit by more than `SAME`, 0 to 1."""
+        """Return the share of the area with walls below a limit by more than `SAME`, 0 to 1."""
         count = int(np.searchsorted(self.thickness, limit * (1 - SAME)))
         return float(np.cumsum(self.areas[:count])[-1]) / self.area if count else 0.0
 
@@ -75,11 +75,11 @@ def walls_steps(mesh: TriangleMesh, budget: Budget, spacing: float | None = None
     Parameters
     ----------
     mesh : TriangleMesh
-        RAS+ mm, its triangles outward.
+        RAS+ mm, with outward triangles.
     budget : Budget
     spacing : float, optional
-        How far samples within its triangles are apart, mm, such as the spacing of what it was made from; at most about
-        as far as the walls are thin. By default by its area.
+        Distance between samples inside triangles, mm, such as that of the samples of the volume; at most about the
+        thickness of the walls. By default it follows from the area.
 
     Raises
     ------
@@ -98,9 +98,9 @@ def walls_steps(mesh: TriangleMesh, budget: Budget, spacing: float | None = None
     balls = TangentBalls(tree, gap, limit * (1 + BOX_MARGIN) / 2, TRIANGLE_SLOPE)
     once = np.zeros(len(tree.order), np.bool_)
     once[samples.places] = True
-    asked = once & (areas[tree.order] > 0) & tree.normals.any(axis=0)  # Some samples stand for no area.
+    asked = once & (areas[tree.order] > 0) & tree.normals.any(axis=0)  # Some samples have no area.
     numbers = np.flatnonzero(asked)
-    every = -(-len(numbers) // MOST_ASKED) or 1
+    every = -(-len(numbers) // MOST_MEASURED) or 1
     asked[:] = False
     asked[numbers[::every]] = True  # Neighbors in the tree are neighbors in space.
     radii = yield from stages.run(measuring, balls.radii_steps(asked, budget.thread_count))

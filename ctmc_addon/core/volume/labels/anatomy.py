@@ -77,7 +77,7 @@ def is_lesion(name: str) -> bool:
 
 
 def _folded(name: str) -> str:
-    """A name in small letters without accents; an umlaut and its spelling with an e are the plain letter."""
+    """Return a name in small letters without accents; an umlaut and its spelling with an e are the plain letter."""
     letters = unicodedata.normalize("NFKD", name.casefold())
     plain = "".join(letter for letter in letters if not unicodedata.combining(letter))
     return re.sub(r"(?<=[aou])e", "", plain)
@@ -87,8 +87,8 @@ def _listed(words: list[str]) -> Anatomy | None:
     """Return the entry of the table for these words: as they are, without sides, and without position."""
     long = [word for word in words if len(word) > 1]
     sides = set(_table()["sides"])
-    for chosen in (words, long, [word for word in long if word not in sides], _without_fillers(long)):
-        key = "".join(chosen)
+    for key_words in (words, long, [word for word in long if word not in sides], _without_fillers(long)):
+        key = "".join(key_words)
         for plain in (key, *_without_sides(key)):
             anatomy = _singular(plain)
             if anatomy is not None:
@@ -103,25 +103,25 @@ def _without_fillers(words: list[str]) -> list[str]:
 
 
 def _without_sides(key: str) -> list[str]:
-    """A glued name without a side at its beginning or end."""
+    """Return a glued name without a side at its beginning or end."""
     begins = [key[len(side) :] for side in _table()["sides"] if key.startswith(side)]
     return begins + [key[: -len(side)] for side in _table()["sides"] if key.endswith(side)]
 
 
 def _singular(key: str) -> Anatomy | None:
-    """The entry of the table for a key or for its singular."""
+    """Return the entry of the table for a key or for its singular."""
     stems = (key[: -len(ending)] for ending in PLURALS if key.endswith(ending))
     return next((_index()[stem] for stem in (key, *stems) if stem in _index()), None)
 
 
 def _first_of_several(spaced: str, plain: str) -> Anatomy | None:
-    """The first of two structures that a name counts: 'liver with tumor' is a liver."""
+    """Return the first of two structures that a name counts: 'liver with tumor' is a liver."""
     first, *rest = FURTHER.split(plain, maxsplit=1)
     return anatomy_of(first) if rest and len(first) < len(spaced) else None
 
 
 def _by_a_word(words: list[str]) -> Anatomy | None:
-    """The entry for the chief word of a name: a tumor of anything, any artery, any muscle."""
+    """Return the entry for the chief word of a name: a tumor of anything, any artery, any muscle."""
     if TUMOR.search("".join(words)) or "mass" in words:
         return _index()["tumor"]
     if any(map(CYST.search, words)):
@@ -154,7 +154,7 @@ def _table() -> Mapping[str, Any]:
 
 @cache
 def _index() -> dict[str, Anatomy]:
-    """The table by its names, without spaces."""
+    """Return the table by its names, without spaces."""
     index: dict[str, Anatomy] = {}
     for each in _table()["structures"]:
         for name in each["names"]:

@@ -197,7 +197,7 @@ def not_a_label_steps(volume: Volume) -> Steps[str]:
         return ""
     try:
         for low in range(0, volume.size[2], step):
-            yield Step(low / volume.size[2], "Looking at the values")
+            yield Step(low / volume.size[2], "Checking values")
             labels.slab(low, min(low + step, volume.size[2]))
     except NotWholeError as error:
         return error.value_text
@@ -205,11 +205,11 @@ def not_a_label_steps(volume: Volume) -> Steps[str]:
 
 
 def _labels_called(volume: Volume, name: str) -> list[int]:
-    plain_name = _plain(name)
-    labels = [label for label, own_name in volume.label_names.items() if _plain(own_name) == plain_name]
+    plain_name = compared_name(name)
+    labels = [label for label, own_name in volume.label_names.items() if compared_name(own_name) == plain_name]
     if labels:
         return labels
-    names = {_plain(own_name): own_name for own_name in volume.label_names.values()}
+    names = {compared_name(own_name): own_name for own_name in volume.label_names.values()}
     if not names:
         raise LabelError(f"the labels of {volume.name} have no names, so none is called {name!r}; give a number")
     close = difflib.get_close_matches(plain_name, names, CLOSE)
@@ -219,7 +219,14 @@ def _labels_called(volume: Volume, name: str) -> list[int]:
     raise AbsentLabelError(f"no label is called {name!r}; {more} {', '.join(listed)}")
 
 
-def _plain(name: str) -> str:
+def compared_name(name: str) -> str:
+    """Return a label's name as names are compared, without case and underscores.
+
+    Examples
+    --------
+    >>> compared_name("Left_Kidney")
+    'left kidney'
+    """
     return " ".join(name.casefold().replace("_", " ").split())
 
 

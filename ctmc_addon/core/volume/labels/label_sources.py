@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import VolumeError
+from ...measures.units import mm_text, spacing_text
 from ...progress import Step, Steps
 from ..affine import index_to_index, product, to_index, transform_points
 from ..slice_reader import SliceReader, ValuesInMemory
@@ -88,9 +89,9 @@ def samples_on_grid(labels: Volume, ct: Volume) -> tuple[NDArray[np.int64], NDAr
     matrix = index_to_index(labels.affine, ct.affine)
     axes = np.rint(matrix[:3, :3]).astype(np.int64)
     if np.abs(axes).max() > 1 or any((np.abs(axes).sum(axis=axis) != 1).any() for axis in (0, 1)):
-        own, other = (" x ".join(f"{side:.3g}" for side in volume.spacing) for volume in (labels, ct))
+        own, other = (spacing_text(volume.spacing, 3) for volume in (labels, ct))
         raise VolumeError(
-            f"{labels.name} has samples every {own} mm along {labels.orientation}, the CT every {other} mm along "
+            f"{labels.name} has samples every {own} along {labels.orientation}, the CT every {other} along "
             f"{ct.orientation}; resample it to the CT, or use it without this CT"
         )
     shift = np.rint(matrix[:3, 3]).astype(np.int64)
@@ -98,7 +99,7 @@ def samples_on_grid(labels: Volume, ct: Volume) -> tuple[NDArray[np.int64], NDAr
     if np.abs(indices - nearest).max() > NEAR:
         away = np.sqrt(((transform_points(ct.affine, nearest) - there_mm) ** 2).sum(axis=1)).max()
         raise VolumeError(
-            f"{labels.name} has samples up to {away:.3g} mm away from those of the CT; resample it to "
+            f"{labels.name} has samples up to {mm_text(away, 3)} away from those of the CT; resample it to "
             "the CT, or use it without this CT"
         )
     return axes, shift

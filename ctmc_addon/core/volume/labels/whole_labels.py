@@ -156,7 +156,7 @@ class WholeLabels(SliceReader):
         values = yield from self.reader.values_steps(*self.everything)
         out = values if values.flags.writeable else values.copy()
         for start in range(0, len(out), self.at_once):
-            yield Step(start / len(out), "Looking at the values")
+            yield Step(start / len(out), "Checking values")
             self._round(out[start : start + self.at_once])
         return ValuesInMemory(out, is_whole=True)
 

@@ -17,7 +17,7 @@ from .values import VolumeStatistics
 HU_SHOWN = (-1100.0, 3100.0)  # Only padding and metal lie beyond.
 
 
-class Limits(NamedTuple):
+class ThresholdLimits(NamedTuple):
     """Threshold and upper limit: inside is threshold <= value <= upper; None is no upper limit."""
 
     threshold: float
@@ -130,25 +130,25 @@ def rounded_to(value: float, precision: float) -> float:
     return round(value, -math.floor(math.log10(precision)))
 
 
-def moved_limit(limits: Limits, is_upper: bool, value: float, low: float, high: float) -> Limits:
+def moved_limit(limits: ThresholdLimits, is_upper: bool, value: float, low: float, high: float) -> ThresholdLimits:
     """Return the limits after one was moved: neither passes the other, and an upper limit at the end is none.
 
     Examples
     --------
-    >>> moved_limit(Limits(200.0, None), True, 500.0, -1000.0, 3000.0)
-    Limits(threshold=200.0, upper=500.0)
-    >>> moved_limit(Limits(200.0, 500.0), True, 3000.0, -1000.0, 3000.0)
-    Limits(threshold=200.0, upper=None)
-    >>> moved_limit(Limits(200.0, 500.0), False, 900.0, -1000.0, 3000.0)
-    Limits(threshold=500.0, upper=500.0)
+    >>> moved_limit(ThresholdLimits(200.0, None), True, 500.0, -1000.0, 3000.0)
+    ThresholdLimits(threshold=200.0, upper=500.0)
+    >>> moved_limit(ThresholdLimits(200.0, 500.0), True, 3000.0, -1000.0, 3000.0)
+    ThresholdLimits(threshold=200.0, upper=None)
+    >>> moved_limit(ThresholdLimits(200.0, 500.0), False, 900.0, -1000.0, 3000.0)
+    ThresholdLimits(threshold=500.0, upper=500.0)
     """
     value = min(max(value, low), high)
     if is_upper:
-        return Limits(limits.threshold, None if value >= high else max(value, limits.threshold))
-    return Limits(value if limits.upper is None else min(value, limits.upper), limits.upper)
+        return ThresholdLimits(limits.threshold, None if value >= high else max(value, limits.threshold))
+    return ThresholdLimits(value if limits.upper is None else min(value, limits.upper), limits.upper)
 
 
-def grabbed_limit(limits: Limits, value: float, high: float, reach: float) -> bool:
+def grabbed_limit(limits: ThresholdLimits, value: float, high: float, reach: float) -> bool:
     """Return whether a press at `value` takes the upper limit: the nearer one within `reach`, else the threshold.
 
     A press above the upper limit takes that; without a limit, it is at the end, `high`.

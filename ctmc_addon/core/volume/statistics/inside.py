@@ -15,6 +15,7 @@ from ...progress import Step, Steps
 from ..affine import farthest_corner_mm, product
 from ..labels.extents import label_extent_steps
 from ..labels.label_sources import moved_box, samples_on_grid, turned_values
+from ..region import box_of
 from ..volume import Box, Volume
 
 SLAB_SLICES = 16  # Look at this many slices in one go.
@@ -67,7 +68,7 @@ def inside_values_steps(ct: Volume, labels: Volume, label: int, box: Box | None 
     """
     labels = labels.as_labels
     axes, shift = samples_on_grid(labels, ct)
-    extent = yield from label_extent_steps(labels, label, box or _whole_box(labels))
+    extent = yield from label_extent_steps(labels, label, box or box_of(labels, None, "voxel"))
     if extent is None:
         return None
     on_ct = moved_box(extent.box, axes, shift)
@@ -77,7 +78,7 @@ def inside_values_steps(ct: Volume, labels: Volume, label: int, box: Box | None 
             "on, or a region inside it"
         )
 
-    def chosen(slab: range, rows: range, columns: range) -> NDArray[Any]:
+    def selected_values(slab: range, rows: range, columns: range) -> NDArray[Any]:
         part = (columns.start, columns.stop), (rows.start, rows.stop), (slab.start, slab.stop)
         of_labels = moved_box(part, axes.T, -product(shift[None], axes)[0])
         x, y, z = (range(low, stop) for low, stop in of_labels)
@@ -86,7 +87,7 @@ def inside_values_steps(ct: Volume, labels: Volume, label: int, box: Box | None 
             mask |= turned_values(layer.samples(z, y, x) == label, axes)
         return ct.samples(slab, rows, columns)[mask]
 
-    return (yield from _summed_steps(chosen, on_ct, "Looking inside the label"))
+    return (yield from _summed_steps(selected_values, on_ct, "Reading values inside the label"))
 
 
 def range_values_steps(
@@ -104,27 +105,22 @@ def range_values_steps(
         By default the whole volume.
     """
 
-    def chosen(slab: range, rows: range, columns: range) -> NDArray[Any]:
+    def selected_values(slab: range, rows: range, columns: range) -> NDArray[Any]:
         values = ct.samples(slab, rows, columns)
         return values[(values >= low) & (values <= (math.inf if high is None else high))]
 
-    return (yield from _summed_steps(chosen, box or _whole_box(ct), "Looking at the values inside"))
-
-
-def _whole_box(volume: Volume) -> Box:
-    x, y, z = volume.size
-    return (0, x), (0, y), (0, z)
+    return (yield from _summed_steps(selected_values, box or box_of(ct, None, "voxel"), "Reading the values inside"))
 
 
 def _summed_steps(
-    chosen: Callable[[range, range, range], NDArray[Any]], box: Box, message: str
+    selected_values: Callable[[range, range, range], NDArray[Any]], box: Box, message: str
 ) -> Steps[InsideValues | None]:
     """Return number, mean and deviation of the values that are chosen in a box; None without any."""
     columns, rows, slices = (range(low, high) for low, high in box)
     count, mean, squares = 0, 0.0, 0.0
     for start in range(slices.start, slices.stop, SLAB_SLICES):
         slab = range(start, min(start + SLAB_SLICES, slices.stop))
-        values = chosen(slab, rows, columns).astype(np.float64)
+        values = selected_values(slab, rows, columns).astype(np.float64)
         values = values[np.isfinite(values)]
         if len(values):
             # Means and squares of two sets are put together without a difference of large sums.

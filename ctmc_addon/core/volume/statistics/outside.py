@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-AIR = -800.0  # HU; air at and below it
+AIR = -800.0  # A sample of at most this many HU is air.
 
 
 def outside_air(values: NDArray[Any], ends: int | None = None, air: float = AIR) -> NDArray[np.bool_]:
@@ -35,14 +35,14 @@ def outside_air(values: NDArray[Any], ends: int | None = None, air: float = AIR)
 
 
 def _seeds_at(shape: tuple[int, ...], axis: int, end: int) -> NDArray[np.bool_]:
-    """The first (0) or last (-1) samples along an axis."""
+    """Return the first (0) or last (-1) samples along an axis."""
     seeds = np.zeros(shape, bool)
     seeds[(slice(None),) * axis + (end,)] = True
     return seeds
 
 
 def _joined_air(is_air: NDArray[np.bool_], seeds: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The air that is joined to seeds, by whole runs along rows and columns in turn."""
+    """Return the air that is joined to seeds, by whole runs along rows and columns in turn."""
     reached = is_air & seeds
     along = (_run_numbers(is_air), _run_numbers(is_air.T).T)
     before = -1
@@ -55,7 +55,7 @@ def _joined_air(is_air: NDArray[np.bool_], seeds: NDArray[np.bool_]) -> NDArray[
 
 
 def ends_of_body(corners_mm: NDArray[np.float64]) -> int | None:
-    """The axis of a slice that runs along the body, 0 down its rows or 1 along them; None for an axial one.
+    """Return the axis of a slice that runs along the body, 0 down its rows or 1 along them; None for an axial one.
 
     `corners_mm` are (4, 3) RAS+ mm, as `slice_corners` has them.
 
@@ -70,7 +70,7 @@ def ends_of_body(corners_mm: NDArray[np.float64]) -> int | None:
 
 
 def _run_numbers(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """A number for every run along the rows of a mask, from 1.
+    """Return a number for every run along the rows of a mask, from 1.
 
     Examples
     --------

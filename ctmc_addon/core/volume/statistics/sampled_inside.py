@@ -19,14 +19,15 @@ from ...arrays import Flags, Floats
 from ...progress import PAUSE, Stages, Step, Steps
 from ..affine import cofactors, determinant, transform_points
 from ..labels.extents import label_extent_steps
+from ..region import box_of
 from ..sampling import sampled_steps
 from ..value_kind import ValueKind
 from ..volume import Box, Volume
 
 SLAB_VALUES = 1 << 20  # Look at about this many voxels in one go.
-COVERED = 95  # D95 is the dose that so many percent of the volume get at least.
-BALL_MM3 = 1000.0  # SUVpeak is the mean in a ball of 1 cm3 (PERCIST 1.0, Wahl et al. 2009).
-BALL_MM = 6.203504908994  # Its radius, the cube root of 3 / (4 pi) cm.
+COVERED = 95  # D95 is the dose that this percentage of the volume gets at least.
+# SUVpeak is the mean in a ball of 1 cm3 (PERCIST 1.0, Wahl et al. 2009); its radius is the cube root of 3 / (4 pi) cm.
+BALL_MM = 6.203504908994
 BALL_EDGE = 1e-6  # A voxel center this share of the radius beyond the ball belongs to it.
 BLOCK = 16  # Voxels along each side of a block of ball centers, which are judged by one bound.
 
@@ -51,7 +52,7 @@ class SampledValues:
     peak : float or None
         Of a PET: the highest mean in a ball of 1 cm3 around any voxel center of the structure.
     percent_at : mapping of float to (float or None)
-        Of a dose: percent of the volume that get at least so many Gy.
+        For a dose: percent of the volume that get at least this many Gy.
     """
 
     kind: ValueKind
@@ -99,7 +100,7 @@ def sampled_inside_label_steps(
     (8, 21.0, 42.0, {32.0: 50.0})
     """
     labels = labels.as_labels
-    extent = yield from label_extent_steps(labels, label, box or _whole_box(labels))
+    extent = yield from label_extent_steps(labels, label, box or box_of(labels, None, "voxel"))
     if extent is None:
         return SampledValues(volume.kind, percent_at=dict.fromkeys(doses))
 
@@ -136,37 +137,34 @@ def sampled_inside_range_steps(
         inside: Flags = (values >= low) & (values <= most)
         return inside
 
-    return (yield from _sampled_inside_steps(volume, _Structure(volume, box or _whole_box(volume), mask), doses))
-
-
-def _whole_box(volume: Volume) -> Box:
-    x, y, z = volume.size
-    return (0, x), (0, y), (0, z)
+    return (
+        yield from _sampled_inside_steps(volume, _Structure(volume, box or box_of(volume, None, "voxel"), mask), doses)
+    )
 
 
 def _sampled_inside_steps(volume: Volume, structure: _Structure, doses: Sequence[float]) -> Steps[SampledValues]:
-    stages = Stages({"Looking inside the structure": 2, "Looking for the peak": 3})
-    values = yield from stages.run("Looking inside the structure", _values_steps(volume, structure))
-    known = values[np.isfinite(values)]
-    beyond = len(values) - len(known)
-    if not len(known):
+    stages = Stages({"Reading values inside the structure": 2, "Looking for the peak": 3})
+    values = yield from stages.run("Reading values inside the structure", _values_steps(volume, structure))
+    finite = values[np.isfinite(values)]
+    beyond = len(values) - len(finite)
+    if not len(finite):
         return SampledValues(volume.kind, 0, beyond, percent_at=dict.fromkeys(doses))
-    mean = float(known.sum(dtype=np.float64)) / len(known)
-    squares = sum(float(np.square(part - mean).sum()) for part in _in_doubles(known))
+    mean = float(finite.sum(dtype=np.float64)) / len(finite)
+    squares = sum(float(np.square(part - mean).sum()) for part in _in_doubles(finite))
     peak = None
     if volume.kind == ValueKind.SUV:
         peak = yield from stages.run("Looking for the peak", _peak_steps(volume, structure))
     is_dose = volume.kind == ValueKind.DOSE
     return SampledValues(
         kind=volume.kind,
-        samples=len(known),
+        samples=len(finite),
         beyond=beyond,
         mean=mean,
-        deviation=math.sqrt(squares / len(known)),
-        maximum=float(known.max()),
-        d95=_got_by(known, COVERED) if is_dose else None,
+        deviation=math.sqrt(squares / len(finite)),
+        maximum=float(finite.max()),
+        d95=_got_by(finite, COVERED) if is_dose else None,
         peak=peak,
-        percent_at={dose: 100.0 * int((known >= np.float32(dose)).sum()) / len(known) for dose in doses},
+        percent_at={dose: 100.0 * int((finite >= np.float32(dose)).sum()) / len(finite) for dose in doses},
     )
 
 
@@ -176,7 +174,7 @@ def _in_doubles(values: Floats) -> Iterator[NDArray[np.float64]]:
 
 
 def _got_by(values: Floats, percent: int) -> float:
-    """Return the value that so many percent of all values reach or exceed, linear between the two around it.
+    """Return the value that a percentage of all values reach or exceed, linear between the two around it.
 
     Examples
     --------
@@ -231,9 +229,9 @@ def _ball_rows(affine: NDArray[np.float64]) -> list[tuple[int, int, int, int]]:
     for dz in range(-reach[2], reach[2] + 1):
         for dy in range(-reach[1], reach[1] + 1):
             offsets = dz * z + dy * y + np.arange(-reach[0], reach[0] + 1)[:, None] * x
-            chosen = np.flatnonzero((offsets * offsets).sum(axis=1) <= within)
-            if len(chosen):
-                rows.append((dz, dy, int(chosen[0]) - reach[0], int(chosen[-1]) - reach[0]))
+            in_ball = np.flatnonzero((offsets * offsets).sum(axis=1) <= within)
+            if len(in_ball):
+                rows.append((dz, dy, int(in_ball[0]) - reach[0], int(in_ball[-1]) - reach[0]))
     return rows
 
 
@@ -258,18 +256,18 @@ def _peak_steps(volume: Volume, structure: _Structure) -> Steps[float | None]:
         inside = structure.mask(slab, range(y0, y1), range(x0, x1))
         around = ((x0 - reach_x, x1 + reach_x), (y0 - reach_y, y1 + reach_y), (start - reach_z, slab.stop + reach_z))
         near = yield from _dense_steps(volume, structure.grid, around)
-        known = np.isfinite(near)
-        values = np.where(known, near, 0.0)
+        finite = np.isfinite(near)
+        values = np.where(finite, near, 0.0)
         blocks: list[tuple[float, int, _Part, _Part]] = []
         for z, y, x in _blocks(inside.shape):
             if inside[z, y, x].any():
                 window = (_wider(z, reach_z), _wider(y, reach_y), _wider(x, reach_x))
-                if known[window].any():
-                    blocks.append((float(near[window][known[window]].max()), len(blocks), (z, y, x), window))
+                if finite[window].any():
+                    blocks.append((float(near[window][finite[window]].max()), len(blocks), (z, y, x), window))
         for bound, _, block, window in sorted(blocks, key=lambda each: (-each[0], each[1])):
             if bound <= best:
                 break
-            means = _ball_means(values[window], known[window], rows, (reach_z, reach_y, reach_x))
+            means = _ball_means(values[window], finite[window], rows, (reach_z, reach_y, reach_x))
             means[~inside[block]] = -math.inf
             best = max(best, float(means.max()))
             yield PAUSE
@@ -292,10 +290,10 @@ def _wider(part: slice, reach: int) -> slice:
 
 
 def _ball_means(
-    values: NDArray[np.float64], known: Flags, rows: Sequence[tuple[int, int, int, int]], reach: tuple[int, int, int]
+    values: NDArray[np.float64], finite: Flags, rows: Sequence[tuple[int, int, int, int]], reach: tuple[int, int, int]
 ) -> NDArray[np.float64]:
     """Return the mean in the ball around each sample that has `reach` samples on every side; -inf without any."""
-    sums, counts = _sums_before(values), _sums_before(known.astype(np.float64))
+    sums, counts = _sums_before(values), _sums_before(finite.astype(np.float64))
     z, y, x = (size - 2 * each for size, each in zip(values.shape, reach, strict=True))
     total, number = np.zeros((z, y, x)), np.zeros((z, y, x))
     for dz, dy, first, last in rows:

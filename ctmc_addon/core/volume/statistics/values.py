@@ -51,7 +51,7 @@ def value_facts_steps(values: NDArray[Any] | Volume) -> Steps[ValueFacts]:
     """
     lows, highs, broken, done = [], [], 0, 0
     for slab in slabs_of(values):
-        yield Step(done / values.shape[0], "Looking at the values")
+        yield Step(done / values.shape[0], "Checking values")
         done += len(slab)
         finite = slab if slab.dtype.kind != "f" else slab[np.isfinite(slab)]
         broken += slab.size - finite.size
@@ -82,11 +82,11 @@ def histogram(values: NDArray[Any]) -> Histogram:
     Integers get a bin each, half a unit to either side, unless they spread over more than 131,072;
     everything else gets 1024 bins between the lowest and the highest value.
     """
-    return finish(histogram_steps(values))
+    return finish(_histogram_steps(values))
 
 
-def histogram_steps(values: NDArray[Any] | Volume) -> Steps[Histogram]:
-    """`histogram` as steps."""
+def _histogram_steps(values: NDArray[Any] | Volume) -> Steps[Histogram]:
+    """Do what `histogram` does, in steps."""
     if values.dtype.kind in "bui" and values.dtype.itemsize <= 2:
         return (yield from _narrow_histogram_steps(values))
     low, high = value_range(values)
@@ -137,7 +137,7 @@ def box_histogram_steps(volume: Volume, box: Box) -> Steps[Histogram]:
     whole = is_whole(volume, box)
     if whole and volume in _histograms:
         return _histograms[volume]
-    result = yield from histogram_steps(volume.part(box))
+    result = yield from _histogram_steps(volume.part(box))
     if whole:
         _histograms[volume] = result
     return result

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...optional_imports import needed, reason
 from ..header import ImageFile, pydicom_errors
-from ..stored import RLE
+from ..pixels.stored import RLE
 from .elements import Damaged
 from .label_file import inflated, opened
 

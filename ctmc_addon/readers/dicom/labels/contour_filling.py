@@ -9,7 +9,7 @@ from itertools import groupby
 
 import numpy as np
 
-from ....core import ReadError, Step, Steps
+from ....core import ReadError, Step, Steps, mm_text
 from ....core.segmentation import Outline, between_planes_steps
 from ...labels.contours import Filled, edges_of, filled_steps
 from ...labels.label_map import LabelMap, limited
@@ -119,11 +119,11 @@ def _between_notes(
     by_distance: dict[str, Counter[int]] = {}
     for label, assignment in enumerate(assignments, 1):
         if assignment.between:
-            by_distance.setdefault(f"{assignment.apart_mm:.3g}", Counter())[label] = assignment.between
+            by_distance.setdefault(mm_text(assignment.apart_mm, 3), Counter())[label] = assignment.between
     notes = [
-        f"contours lie {mm} mm apart and slices {slice_mm:.3g} mm; slices between contours were filled by distance: "
-        f"{_counted(label_map, between)}"
-        for mm, between in sorted(by_distance.items(), key=lambda item: float(item[0]))
+        f"contours lie {apart} apart and slices {mm_text(slice_mm, 3)}; slices between contours were filled by "
+        f"distance: {_counted(label_map, between)}"
+        for apart, between in sorted(by_distance.items(), key=lambda item: float(item[0].split()[0]))
     ]
     named = _counted(label_map, apart)
     if named:
@@ -133,7 +133,7 @@ def _between_notes(
 
 def _gap_notes(label_map: LabelMap, assignments: Sequence[PlaneAssignment]) -> list[str]:
     named = [
-        f"{label_map.name(label)} {gap:.3g} mm"
+        f"{label_map.name(label)} {mm_text(gap, 3)}"
         for label, assignment in enumerate(assignments, 1)
         for gap in assignment.gaps_mm
     ]

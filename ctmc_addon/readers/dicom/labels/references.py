@@ -18,9 +18,10 @@ from ....core import ReadError, Steps
 from ....core.files.input_files import add_inputs
 from ....core.volume import SPACING_LIMITS, is_spacing
 from ..header import ImageFile, Slice
-from ..series import headers_steps, one_geometry
-from ..stack_geometry import stack_up
-from ..times import times_of
+from ..series.folder import headers_steps
+from ..series.one_stack import one_geometry
+from ..series.stack_geometry import stack_up
+from ..series.times import times_of
 from .slice_grid import SliceGrid, grid_of_ct
 
 DEEPEST_BELOW, DEEPEST_IN_SIBLINGS = 3, 1  # Folders are searched this many levels deep.

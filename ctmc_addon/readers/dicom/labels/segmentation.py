@@ -19,8 +19,8 @@ from ...labels.label_map import LabelMap
 from ...optional_imports import imported_steps
 from ...result import RawValues, ReadRequest, Series, VolumeSource
 from ..header import Slice
-from ..pixels import check_codec
-from ..stored import StoredPixels
+from ..pixels.pixels import check_codec
+from ..pixels.stored import StoredPixels
 from .bit_frames import plain_frames
 from .references import grid_of, referenced_slices_steps
 from .segmentation_header import SegmentationHeader, header_steps

@@ -13,12 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ....core import ReadError, Steps
+from ....core import ReadError, Steps, spacing_text
 from ....core.volume import SPACING_LIMITS, is_spacing
 from ...labels.colors import RGB, rgb_of_cielab
 from ...labels.label_map import MOST_LABELS, clean_name
 from ..header import UNCOMPRESSED, Called, ImageFile
-from ..pixel_format import Pixels, missing_pixels
+from ..pixels.pixel_format import Pixels, missing_pixels
 from .elements import PIXELS, VALUE, Damaged, Elements
 from .label_file import first_unsigned, numbers, opened, reference_of, texts, uid, unsigned, whole
 from .references import Reference
@@ -211,9 +211,8 @@ def _one_way(
         if turn > SAME_WAY or scale > SAME_WAY * max(spacing):
             raise ReadError(f"the frames of {name} have {len(ways)} orientations or spacings; export each by itself")
         if not is_spacing(spacing):
-            lengths = " x ".join(f"{length:g}" for length in spacing)
             raise ReadError(
-                f"the frames of {name} have a PixelSpacing of {lengths} mm, and it must be {SPACING_LIMITS}; "
-                "export it again"
+                f"the frames of {name} have a PixelSpacing of {spacing_text(spacing, 6)}, and it must be "
+                f"{SPACING_LIMITS}; export it again"
             )
     return first

@@ -14,9 +14,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ....core import ReadError
+from ....core import ReadError, mm_text
 from ..header import Slice
-from ..stack_geometry import SAME_MM, Stack, checked_normal, dot
+from ..series.stack_geometry import SAME_MM, Stack, checked_normal, dot
 
 EVEN = 0.1  # A frame may be off its slice by this share of a gap.
 ON_PIXEL = 0.1  # A frame may be off the grid by this share of a pixel.
@@ -192,7 +192,7 @@ def grid_of_frames(
     if len(heights) == 1:
         gap = gap_hint or 1.0
         step, count, start = normal * gap, 3, ends[0] - normal * gap
-        notes.append(f"all frames lie in one slice; an empty slice was added on both sides, {gap:.4g} mm away")
+        notes.append(f"all frames lie in one slice; an empty slice was added on both sides, {mm_text(gap, 4)} away")
     else:
         total = float(height[-1] - height[0])
         count = next((count for count in counts(height, gap_hint) if count), 0)

@@ -21,8 +21,8 @@ MOST_SEGMENTS = 4096
 MOST_SHOWN = 20  # An error shows this many letters of a damaged value.
 
 
-class Segment(NamedTuple):
-    """One segment: the voxels of a layer that have a value."""
+class StoredSegment(NamedTuple):
+    """A segment in a file: the voxels of a layer that have a value."""
 
     value: int
     layer: int
@@ -30,7 +30,7 @@ class Segment(NamedTuple):
     color: RGB | None
 
 
-def segments_of(header: Mapping[str, Any], name: str) -> list[Segment]:
+def segments_of(header: Mapping[str, Any], name: str) -> list[StoredSegment]:
     """Return the segments that have a value, in the order of their numbers."""
     keys = (re.fullmatch(r"Segment(\d{1,9})_(?:ID|LabelValue)", key) for key in header)
     numbers = sorted({int(match[1]) for match in keys if match})
@@ -52,16 +52,16 @@ def segments_of(header: Mapping[str, Any], name: str) -> list[Segment]:
                 )
         called = clean_name(header.get(f"Segment{number}_Name", ""), f"Segment {number}")
         color = rgb_of_shares(str(header.get(f"Segment{number}_Color", "")).split())
-        segments.append(Segment(int(value), int(layer), called, color))
+        segments.append(StoredSegment(int(value), int(layer), called, color))
     return segments
 
 
-def names_and_colors(segments: Sequence[Segment], labels: Sequence[int]) -> tuple[dict[int, str], dict[int, RGB]]:
+def names_and_colors(segments: Sequence[StoredSegment], labels: Sequence[int]) -> tuple[dict[int, str], dict[int, RGB]]:
     """Return names and colors by label.
 
     Parameters
     ----------
-    segments : sequence of Segment
+    segments : sequence of StoredSegment
     labels : sequence of int
         The label of each.
     """
@@ -79,14 +79,14 @@ class _Layered(NamedTuple):
     notes: tuple[str, ...]
 
 
-def layered_steps(layers: Sequence[SliceReader], segments: Sequence[Segment], name: str) -> Steps[_Layered]:
+def layered_steps(layers: Sequence[SliceReader], segments: Sequence[StoredSegment], name: str) -> Steps[_Layered]:
     """Return the segments of a file's layers as labels, in layers (slices, rows, columns) of which none overlap.
 
     Parameters
     ----------
     layers : sequence of SliceReader
         (slices, rows, columns) each.
-    segments : sequence of Segment
+    segments : sequence of StoredSegment
         With layer and value.
     name : str
         Of the file, for errors and notes.

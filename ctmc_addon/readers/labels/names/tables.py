@@ -19,7 +19,7 @@ from ..label_map import clean_name
 from .total_segmentator import NAMES, is_total_segmentator
 
 SUFFIXES = (".txt", ".ctbl", ".label", ".lut")
-MOST_BYTES = 1 << 20  # FreeSurfer's table of all its labels has 70,000
+MOST_BYTES = 1 << 20  # Larger files are not tables; FreeSurfer's table of all its labels has 70,000 bytes.
 MOST_FILES = 100  # Only this many text files of a folder are examined.
 BYTE = r"(\d{1,3})"
 NAMED = re.compile(rf"(\d{{1,9}})\s+(\S.{{0,250}}?)\s+{BYTE}\s+{BYTE}\s+{BYTE}\s+{BYTE}", re.ASCII)

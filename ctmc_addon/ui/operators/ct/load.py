@@ -24,10 +24,15 @@ from ....readers import FOLDER_SUFFIXES, KNOWN_SUFFIXES, ReadingOptions
 from ....reporting.formatting import in_lines
 from ... import jobs
 from ...properties import page
+from ...properties.ct.reading import dialog_properties, options_of_dialog, options_of_scene, show_options
 from ...properties.preferences import machine
-from ...properties.reading import dialog_properties, options_of_dialog, options_of_scene, show_options
-from ...properties.structures import called, follow_ticks, tick
-from ...state import change_events, drawings, scans, session, structures, surfaces, volumes
+from ...properties.surface.structures import called, follow_ticks, tick
+from ...state import change_events, session
+from ...state.ct import scans, volumes
+from ...state.ct.stored_paths import stored_path
+from ...state.draw import drawings
+from ...state.results import surfaces
+from ...state.surface import structures
 from ...translations import OURS, translate, translate_sentence
 from ..paths import RELATIVE
 from .series import items
@@ -119,10 +124,10 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
                 expected = stored.volume_fingerprint
         if not path:
             raise ReadError("no file or folder was chosen; choose the file or folder that holds the CT")
-        chosen = len(self.files) if path == self.directory else 0
+        file_count = len(self.files) if path == self.directory else 0
         sources = [(source.key, Path(bpy.path.abspath(source.path))) for source in structures.missing(scene)]
         sources = [(key, source) for key, source in sources if expected and source.name]
-        return self.steps(Path(bpy.path.abspath(path)), reading, scene.session_uid, expected, chosen, sources)
+        return self.steps(Path(bpy.path.abspath(path)), reading, scene.session_uid, expected, file_count, sources)
 
     def steps(
         self,
@@ -130,12 +135,12 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         reading: ReadingOptions,
         scene: int,
         expected: str,
-        chosen: int,
+        file_count: int,
         sources: Sequence[tuple[str, Path]],
     ) -> Steps[jobs.Conclusion]:
         """Return the work: series, values, statistics. `expected` is the fingerprint of the CT to find there, if any.
 
-        `chosen` is the number of chosen files; the whole folder is read. The label `sources` are read with it.
+        `file_count` is the number of selected files; the whole folder is read, with the label `sources`.
         """
         stages = Stages(STAGES | ({LABELS: 40} if sources else {}))
         headers, values, counting = STAGES
@@ -162,8 +167,8 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
             time, _ = source.selected_time(reading.series, reading.time)
             reading = replace(reading, time=time if selected.times > 1 else None)
         slices = volume.size[2] if file is None else file.size[2]
-        if 1 < chosen < slices:
-            note = f"the whole folder was read, {slices} slices, not only the {chosen} chosen files"
+        if 1 < file_count < slices:
+            note = f"the whole folder was read, {slices} slices, not only the {file_count} chosen files"
             volume = replace(volume, notes=(*volume.notes, note))
         statistics = yield from stages.run(counting, volume_statistics_steps(volume))
         loaded = volumes.Loaded(
@@ -213,8 +218,9 @@ def conclude(
     stored = scene.ctmc
     is_another_ct = loaded.statistics.fingerprint != stored.volume_fingerprint
     is_first = not stored.volume_fingerprint
-    is_another_time = loaded.is_another_time_of(volumes.loaded(scene))
-    before = stored.volume_fingerprint if loaded.has_samples_of(volumes.loaded(scene)) else ""
+    earlier = volumes.loaded(scene)
+    is_another_time = loaded.is_another_time_of(earlier)
+    before = stored.volume_fingerprint if loaded.has_samples_of(earlier) else ""
     holds_region = is_another_time and stored.region_for == stored.volume_fingerprint
     is_restored = is_another_ct and not is_another_time and scans.bring_back(scene, loaded.statistics.fingerprint)
     if is_another_ct and not is_restored:
@@ -249,7 +255,7 @@ def conclude(
         if isinstance(read, str):
             scene_session.load_message = translate_sentence(read)
             continue
-        structures.put(key, read.labels)
+        structures.put(scene, key, read.labels)
         if read.key != key:
             text = "The labels have changed since this file was saved: {name}"
             scene_session.load_message = translate(text).format(name=read.path.name)
@@ -298,7 +304,7 @@ def _show_in_scene(scene: bpy.types.Scene, loaded: volumes.Loaded, is_another_ct
     """Give a CT its box in the scene; one that has just come is selected and framed."""
     folder = loaded.path if loaded.path.is_dir() else loaded.path.absolute().parent
     corners, path = volume_box(loaded.volume) * machine().scale, scene.ctmc.volume_path
-    names = (volumes.stored_path(folder), readers.volume_stem(folder) or loaded.volume.name)
+    names = (stored_path(folder), readers.volume_stem(folder) or loaded.volume.name)
     box, is_new = show_box(scene, corners, loaded.volume.name, loaded.statistics.fingerprint, path, names)
     if is_new and bpy.context.scene == scene and not surfaces.selected_surfaces(bpy.context):
         for obj in bpy.context.selected_objects:

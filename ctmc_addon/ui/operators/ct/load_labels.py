@@ -14,8 +14,10 @@ from bpy.props import CollectionProperty, StringProperty
 from ....core import ReadError, Steps, Volume, equal_part
 from ... import jobs
 from ...properties import page
-from ...properties.structures import called, follow_ticks, tick
-from ...state import session, structures, volumes
+from ...properties.surface.structures import called, follow_ticks, tick
+from ...state import session
+from ...state.ct import volumes
+from ...state.surface import structures
 from ...translations import OURS, translate
 from ..paths import RELATIVE
 from .load import DROPPED, last_folder
@@ -83,7 +85,7 @@ def conclude(placed: Sequence[structures.PlacedLabels], uid: int) -> str:
     earlier_keys = {source.key for source in stored.label_sources}
     count = 0
     for path, labels, key in placed:
-        structures.put(key, labels)
+        structures.put(scene, key, labels)
         if key not in earlier_keys:
             count += len(structures.add_labels(scene, labels, key, path))
     new = {called(item) for item in list(stored.labels)[len(stored.labels) - count :]}

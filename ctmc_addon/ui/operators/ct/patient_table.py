@@ -10,7 +10,7 @@ import bpy
 from ....core.volume import ValueKind
 from ... import jobs
 from ...needs import Needs
-from ...state import volumes
+from ...state.ct import volumes
 
 
 def holds_hu(operator: Any, context: bpy.types.Context) -> bool:

@@ -14,7 +14,8 @@ from ....blender.surface import read_provenance
 from ....blender.volume import of_ct
 from ... import jobs
 from ...needs import Needs
-from ...state import scans, session, volumes
+from ...state import session
+from ...state.ct import scans, volumes
 from ...translations import OURS, translate
 
 
@@ -113,7 +114,7 @@ class CTMC_OT_remove_ct(_CTOperator, bpy.types.Operator):
                 if drawn[number].fingerprint == fingerprint:
                     drawn.remove(number)
         scans.remove(scene, fingerprint)
-        if not any(scans.state_of(other, fingerprint) for other in bpy.data.scenes):
+        if not any(scans.state_of(scene_, fingerprint) for scene_ in bpy.data.scenes):
             volumes.release(fingerprint)
         scans.note(context)
         session.redraw_viewports()

@@ -7,8 +7,9 @@ from typing import Any
 
 import bpy
 
+from ....core import length_text
 from ....readers import Series, series_names
-from ...state import volumes
+from ...state.ct import volumes
 from ...translations import translate
 
 _items: list[tuple[str, str, str]] = []  # Blender does not keep the texts of a list that is made when it is drawn.
@@ -30,7 +31,7 @@ def facts_of(series: Series) -> str:
     facts = {
         "No. {number}": series.dicom_number,
         "kernel {kernel}": series.kernel,
-        "{gap} mm apart": "" if series.spacing_mm is None else f"{series.spacing_mm:.4g}",
+        "{gap} apart": "" if series.spacing_mm is None else length_text(series.spacing_mm),
         "{count} slices": str(series.slices),
         "{columns} x {rows}": "size",
         "in {folder}": series.folder,

@@ -7,8 +7,8 @@ import bpy
 from bpy.props import FloatProperty, IntProperty
 
 from ....core.volume import stepped_position
-from ...properties.view import choose
-from ...state import volumes
+from ...properties.ct.view import choose
+from ...state.ct import volumes
 
 
 class CTMC_OT_slice_step(bpy.types.Operator):

@@ -13,7 +13,8 @@ from ....core import Volume
 from ....core.volume import volume_box
 from ...needs import Needs
 from ...properties.preferences import machine
-from ...state import session, volumes
+from ...state import session
+from ...state.ct import volumes
 from ...translations import translate
 
 AS_IT_IS = "CT"

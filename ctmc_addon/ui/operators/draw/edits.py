@@ -24,8 +24,10 @@ from ....core.segmentation import (
 )
 from ... import jobs
 from ...properties.preferences import machine
-from ...properties.structures import LABEL
-from ...state import drawings, masks, session, structures
+from ...properties.surface.structures import LABEL
+from ...state import session
+from ...state.draw import drawings, masks
+from ...state.surface import structures
 from .needs import (
     DrawTarget,
     allowed_steps,
@@ -113,7 +115,7 @@ class CTMC_OT_draw_islands(_Edit, bpy.types.Operator):
     largest: BoolProperty(name="Largest Only", description="Keep only the largest island", options={"SKIP_SAVE"})
 
     def work(self, scene: bpy.types.Scene) -> Work:
-        at_least_mm3 = 0.0 if self.largest else scene.ctmc_draw.islands_ml * 1000
+        at_least_mm3 = 0.0 if self.largest else scene.ctmc_draw.islands_mm3
         largest = 1 if self.largest else None
 
         def steps(mask: Flags, volume: Volume, _window: Window) -> Steps[Flags]:

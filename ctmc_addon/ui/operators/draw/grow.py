@@ -26,9 +26,10 @@ from ....core.segmentation import (
     sample_at,
 )
 from ... import jobs
-from ...state import drawings, masks, session
+from ...state import session
+from ...state.draw import drawings, masks
 from ...translations import translate
-from ...viewport.slice_hits import slice_under
+from ...viewport.ct.slice_hits import slice_under
 from .needs import DrawTarget, can_draw, limits_of, named_volume_text, require, target_of, volume_of, whole
 
 Sample = tuple[int, int, int]
@@ -78,7 +79,9 @@ class CTMC_OT_draw_grow(jobs.LongOperator, bpy.types.Operator):
                 volume, sample, before, limits, drawing.reach_mm, drawing.opening_mm, self.surroundings
             )
             return _conclusion_steps(work, target_of(scene, item), None)
-        earlier_clicks = [] if item is None else [Click(tuple(one.sample), int(one.inside)) for one in item.clicks]
+        earlier_clicks = (
+            [] if item is None else [Click(tuple(click.sample), int(click.inside)) for click in item.clicks]
+        )
         clicks = (*earlier_clicks, Click(sample, 0 if self.surroundings else 1))
         grown = None if item is None else masks.of(scene, item).grown
         how = (limits, drawing.hu_per_mm, drawing.reach_mm)

@@ -11,9 +11,11 @@ import bpy
 from ....core import ReadError, SettingsError, Steps, Volume, volume_text
 from ....core.segmentation import Flags, Window, range_mask_steps
 from ....core.volume import ValueKind
-from ...state import drawings, masks, session, volumes
+from ...state import session
+from ...state.ct import volumes
+from ...state.draw import drawings, masks
 from ...translations import translate
-from ..scene.slice_object import in_object_mode
+from ..ct.slice_object import in_object_mode
 
 
 def can_draw(operator: Any, context: bpy.types.Context) -> bool:

@@ -13,10 +13,11 @@ from ....blender.viewport import clip, frame
 from ....core.volume import volume_box
 from ...needs import Needs
 from ...properties.preferences import machine
-from ...state import session, volumes
+from ...state import session
+from ...state.ct import volumes
 from ...translations import translate
-from ...viewport import slice_objects
-from ..scene.slice_object import add_slices, chosen_slices, in_object_mode
+from ...viewport.ct import slice_objects
+from ..ct.slice_object import add_slices, chosen_slices, in_object_mode
 
 SOON = 0.01  # Seconds between two checks whether the views have their sizes.
 LONGEST = 1.0  # Seconds to wait for the views' sizes.

@@ -8,11 +8,12 @@ from typing import Any
 import bpy
 from bpy.props import FloatProperty
 
+from ....core import length_text
 from ...needs import Needs
 from ...state import session
 from ...translations import translate
-from ...viewport import draw_tools
-from ...viewport.slice_hits import brush_under
+from ...viewport.ct.slice_hits import brush_under
+from ...viewport.draw import draw_tools
 from .needs import can_draw
 
 DOUBLE = 120.0  # Pixels at Blender's usual size, to the right, that double the radius.
@@ -41,12 +42,12 @@ class CTMC_OT_draw_radius(Needs, bpy.types.Operator):
         self.before, self.left = context.scene.ctmc_draw.radius_mm, event.mouse_x
         draw_tools.hold(brush_under(context.scene, context.area, event))
         context.window_manager.modal_handler_add(self)
-        self.say(context)
+        self.show_status(context)
         return {"RUNNING_MODAL"}
 
-    def say(self, context: bpy.types.Context) -> None:
-        text = translate("Radius {radius} mm. Click: accept. Esc: cancel")
-        context.workspace.status_text_set(text.format(radius=f"{context.scene.ctmc_draw.radius_mm:.1f}"))
+    def show_status(self, context: bpy.types.Context) -> None:
+        text = translate("Radius {radius}. Click: accept. Esc: cancel")
+        context.workspace.status_text_set(text.format(radius=length_text(context.scene.ctmc_draw.radius_mm, 3)))
         session.redraw_viewports()
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -54,7 +55,7 @@ class CTMC_OT_draw_radius(Needs, bpy.types.Operator):
         if event.type == "MOUSEMOVE":
             moved = (event.mouse_x - self.left) / (DOUBLE * context.preferences.system.ui_scale)
             context.scene.ctmc_draw.radius_mm = self.before * 2.0**moved
-            self.say(context)
+            self.show_status(context)
         is_accepted, is_cancelled = event.type in ACCEPT, event.type in CANCEL
         if event.value != "PRESS" or not (is_accepted or is_cancelled):
             return {"RUNNING_MODAL"}

@@ -13,7 +13,7 @@ import bpy
 from bpy.props import StringProperty
 
 from ...needs import Needs
-from ...state import volumes
+from ...state.ct import volumes
 from ...translations import translate
 
 
@@ -32,7 +32,7 @@ class CTMC_OT_draw_refuse(Needs, bpy.types.Operator):
 
     bl_idname = "ctmc.draw_refuse"
     bl_label = "Refuse Click"
-    bl_description = "Say why a tool cannot be used now"
+    bl_description = "Explain why a tool cannot be used now"
     bl_options = {"INTERNAL"}  # noqa: RUF012  (Blender reads it from the class)
 
     operator: StringProperty(options={"HIDDEN", "SKIP_SAVE"})

@@ -17,7 +17,8 @@ from ... import jobs
 from ...needs import Needs
 from ...properties.drawing import CTMCPoint, points_of
 from ...properties.preferences import machine
-from ...state import masks, session
+from ...state import session
+from ...state.draw import masks
 from ...translations import translate
 from ...viewport.mouse import window_under
 from .edits import edit_steps

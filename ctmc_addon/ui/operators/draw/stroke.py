@@ -16,10 +16,12 @@ from ....core.segmentation import brush
 from ... import jobs
 from ...needs import Needs
 from ...properties.drawing import CTMCPoint
-from ...state import drawings, masks, session, volumes
+from ...state import session
+from ...state.ct import volumes
+from ...state.draw import drawings, masks
 from ...translations import translate
+from ...viewport.ct.slice_hits import SliceHit, brush_under
 from ...viewport.mouse import viewport_at
-from ...viewport.slice_hits import SliceHit, brush_under
 from .needs import active_or_new, can_draw, limits_of, require_active, structure_of, volume_of
 
 Point = Sequence[float]
@@ -125,7 +127,7 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
         """Restore the mask from the file, if structure and CT still exist, and the list as it was."""
         masks.end_stroke(self)
         scene = context.scene
-        item = next((one for one in drawings.structures(scene) if one.key == self.key), None)
+        item = next((each for each in drawings.structures(scene) if each.key == self.key), None)
         if item is None or volumes.loaded(scene) is None:
             return
         masks.revert(scene, item, self.touched)

@@ -9,7 +9,8 @@ from bpy.props import StringProperty
 from ....blender.slices import slices_of
 from ... import jobs
 from ...needs import Needs
-from ...state import drawings, volumes
+from ...state.ct import volumes
+from ...state.draw import drawings
 from ...translations import translate
 from .needs import can_draw
 

@@ -19,10 +19,10 @@ from ...properties.preferences import machine
 from ...state import session
 from ...translations import translate
 from ...viewport.mouse import ray_under, viewport_at
-from ...viewport.solid_handles import middle_of
+from ...viewport.surface.solid_handles import middle_of
 
 HANDLES = (("MOVE", "Cut", ""), ("TURN", "Normal", ""), ("DRAIN", "Drain", ""))
-TOO_CLOSE = 1e-6  # Of the mouse to the middle of a cut, where no direction is told.
+TOO_CLOSE = 1e-6  # Within this distance of a cut's middle, the mouse gives no direction.
 Ray = tuple[Any, Any]
 Drag = Callable[[Ray], None]
 
@@ -86,7 +86,7 @@ class CTMC_OT_solid_drag(Needs, bpy.types.Operator):
 
 
 def _line_of(scene: bpy.types.Scene, what: str, index: int) -> Any:
-    """Return the cut or drain of a handle; None if it is gone."""
+    """Return the cut or drain of a handle; None if it was removed."""
     lines = scene.ctmc_solid.drains if what == "DRAIN" else scene.ctmc_solid.cuts
     return lines[index] if 0 <= index < len(lines) else None
 
@@ -96,7 +96,7 @@ def _values_of(line: Any) -> dict[str, tuple[float, ...]]:
 
 
 def moving(scene: bpy.types.Scene, index: int, start: Ray) -> Drag:
-    """Return what moves a cut along its normal with the mouse."""
+    """Return a function that moves a cut along its normal with the mouse."""
     cut, scale = scene.ctmc_solid.cuts[index].to_request(), machine().scale
     middle, unit = _middle(scene, index) * scale, HalfSpace(cut.point, cut.normal).unit
     begun = place_on_axis(start, middle, unit)
@@ -111,11 +111,11 @@ def moving(scene: bpy.types.Scene, index: int, start: Ray) -> Drag:
 
 
 def turning(scene: bpy.types.Scene, index: int, start: Ray) -> Drag:
-    """Return what turns a cut about its middle, so that its normal follows the mouse."""
+    """Return a function that turns a cut about its middle, so that its normal follows the mouse."""
     cut, scale = scene.ctmc_solid.cuts[index].to_request(), machine().scale
     middle, unit = _middle(scene, index), HalfSpace(cut.point, cut.normal).unit
     facing = np.array(start[1], np.float64)
-    # The ring that was taken hold of stands on the normal, wherever the view is from.
+    # The grabbed ring lies on the normal, from any viewpoint.
     reach = place_on_axis(start, middle * scale, unit)
     tip = middle * scale + unit * (scale if reach is None or reach <= 0 else reach)
     begun = place_on_plane(start, tip, facing)
@@ -133,7 +133,7 @@ def turning(scene: bpy.types.Scene, index: int, start: Ray) -> Drag:
 
 
 def moving_drain(scene: bpy.types.Scene, index: int, start: Ray) -> Drag:
-    """Return what moves the point of a drain across the view with the mouse."""
+    """Return a function that moves the point of a drain across the view with the mouse."""
     scale, facing = machine().scale, np.array(start[1], np.float64)
     point = np.array(scene.ctmc_solid.drains[index].point, np.float64) * scale
     begun = place_on_plane(start, point, facing)
@@ -147,7 +147,7 @@ def moving_drain(scene: bpy.types.Scene, index: int, start: Ray) -> Drag:
 
 
 def _middle(scene: bpy.types.Scene, index: int) -> Any:
-    """Return the middle of a cut's rectangle, or its point where there is no CT."""
+    """Return the middle of a cut's rectangle, or its point without a CT."""
     middle = middle_of(scene, index)
     return np.array(scene.ctmc_solid.cuts[index].point, np.float64) if middle is None else middle
 

@@ -25,8 +25,9 @@ from ....core.mesh import Topology
 from ....core.volume import ValueKind, surface_name
 from ....reporting.formatting import count
 from ...properties.preferences import machine
-from ...state import measurements, session
-from ...state.measurements import Measurement
+from ...state import session
+from ...state.results import measurements
+from ...state.results.measurements import Measurement
 from ...translations import translate
 
 MOST_NAMED = 3  # A report names at most this many surfaces.
@@ -185,8 +186,8 @@ def select(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:
     if active is not None and active.mode != "OBJECT":
         return
     layer.update()
-    for other in layer.objects:
-        other.select_set(False, view_layer=layer)
+    for selected in layer.objects:
+        selected.select_set(False, view_layer=layer)
     for obj in objects:
         if layer.objects.get(obj.name) == obj:
             obj.select_set(True, view_layer=layer)

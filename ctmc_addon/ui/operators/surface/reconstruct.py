@@ -30,11 +30,15 @@ from ....core.mesh import Topology, topology_steps
 from ....core.volume import require_labels
 from ... import jobs
 from ...properties.preferences import machine
-from ...properties.structures import called, chosen_opacity
-from ...state import cost_estimates, drawings, session, solids, structures, surfaces, volumes
-from ...state.measurements import Measurement, measurement_steps
+from ...properties.surface.structures import called, chosen_opacity
+from ...state import session
+from ...state.ct import volumes
+from ...state.draw import drawings
+from ...state.results import surfaces
+from ...state.results.measurements import Measurement, measurement_steps
+from ...state.surface import cost_estimates, solids, structures
 from ...translations import translate, translate_sentence
-from ...viewport import preview
+from ...viewport.surface import preview
 from . import placing
 from .placing import MeasuredSurface, NewMesh, ObjectRequest
 from .solid import SolidParts
@@ -54,10 +58,9 @@ def _is_possible(operator: Any, context: bpy.types.Context) -> bool:
 def _settings_or_none(scene: bpy.types.Scene) -> list[ReconstructionSettings] | None:
     """Return the settings of every surface of the panel; None if they contradict each other."""
     try:
-        settings: list[ReconstructionSettings] = scene.ctmc.all_settings()
+        return solids.counted_runs(scene)
     except SettingsError:
         return None
-    return settings
 
 
 class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Edit the solid of the panel, such as its cuts, and make its parts: operators `ctmc.solid_*`, `ctmc.cut_*` and others.
+"""Edit the panel's solid, such as its cuts, with the operators `ctmc.solid_*`, `ctmc.cut_*` and similar ones.
 
-Reconstruct makes the parts, each an object of its own.
+Reconstruct makes the parts, each as its own object.
 """
 
 from __future__ import annotations
@@ -14,16 +14,19 @@ import bpy
 from bpy.props import BoolProperty, IntProperty
 from mathutils import Vector
 
-from ....core import Budget, Reconstruction, SettingsError, Steps, SurfaceRequest, Volume, length_text
-from ....core.solid import MOST_CUTS, MadeParts, SolidRequest, solid_parts_steps
+from ....core import Budget, Reconstruction, SettingsError, Steps, SurfaceRequest, Volume, descriptions, position_text
+from ....core.solid import LENGTHS, MOST_CUTS, MadeParts, SolidRequest, solid_parts_steps
 from ....reporting.formatting import count
 from ... import jobs
 from ...needs import Needs
 from ...properties.kinds import choice
 from ...properties.preferences import machine
-from ...properties.solid import COMBININGS
-from ...state import session, surfaces, volumes
-from ...translations import translate
+from ...properties.surface.solid import COMBININGS
+from ...state import session
+from ...state.change_events import COMBINED, notify
+from ...state.ct import volumes
+from ...state.results import surfaces
+from ...translations import translate, translate_phrase
 from .placing import ObjectRequest
 
 DIRECTIONS = (
@@ -44,7 +47,7 @@ class SolidParts:
     ----------
     solid : SolidRequest
     targets : mapping of str to int
-        `session_uid` of the object of a part, by the part's name; another part gets a new object.
+        `session_uid` of the object of a part, by the name of the part; parts without one get a new object.
     """
 
     solid: SolidRequest
@@ -62,16 +65,16 @@ class SolidParts:
         return [self._request_of(part, requests) for part in parts]
 
     def _request_of(self, part: Reconstruction, requests: Sequence[ObjectRequest]) -> ObjectRequest:
-        """Return the request of a part's object: that of its structure, under the part's name."""
+        """Return the request of a part's object: that of its structure, with the name of the part."""
         made_of = surfaces.made_of(part.settings)
         own = next((each for each in requests if surfaces.made_of(each.settings) == made_of), requests[0])
         name = part.label_name or own.structure or translate("Part")
-        prefix = "" if part.settings.label is None else own.prefix  # That of a threshold is in the name of the part.
+        prefix = "" if part.settings.label is None else own.prefix  # The name of a threshold's part has it.
         return replace(own, settings=part.settings, part=name, prefix=prefix, target=self.targets.get(name))
 
 
 def makes_solid(scene: bpy.types.Scene) -> bool:
-    """Return whether Reconstruct makes the parts of a solid; settings that contradict each other are reported there."""
+    """Return whether Reconstruct makes the parts of a solid; it reports contradicting settings itself."""
     try:
         return bool(scene.ctmc_solid.to_request())
     except SettingsError:
@@ -79,33 +82,29 @@ def makes_solid(scene: bpy.types.Scene) -> bool:
 
 
 def solid_text(solid: SolidRequest) -> str:
-    """Return what is done to the next surfaces, in words; empty if nothing."""
+    """Return the operations on the next surfaces as text; empty without any."""
     if not solid:
         return ""
     texts = []
-    for text, length in (
-        ("thicken {length}", solid.thicken),
-        ("hollow {length}", solid.hollow),
-        ("least wall {length}", solid.least_wall),
-        ("base {length}", solid.base),
-    ):
-        if length:
-            texts.append(translate(text).format(length=length_text(length)))
+    for name in LENGTHS:
+        caption, length = descriptions(SolidRequest)[name].caption, getattr(solid, name)
+        if caption is not None and length:
+            texts.append(translate_phrase(caption(length)))
     pegs = 0 if solid.pegs is None else solid.pegs.count
-    for one, several, number in (
+    for single, several, number in (
         ("1 drain", "{count} drains", len(solid.drains)),
         ("1 cut", "{count} cuts", len(solid.cuts)),
         ("1 peg", "{count} pegs", pegs),
     ):
         if number:
-            texts.append(translate(one if number == 1 else several).format(count=count(number)))
+            texts.append(translate(single if number == 1 else several).format(count=count(number)))
     texts += [combination.name for combination in solid.combinations]
     return translate("Makes a solid: {what}").format(what=", ".join(texts))
 
 
-def place_text(point: Sequence[float]) -> str:
-    """Return the place of a point in the patient, short enough for a line of a list."""
-    return "{:.0f}, {:.0f}, {:.0f} mm".format(*point)
+def place_text(point: Sequence[float], size: float) -> str:
+    """Return the place of something of this size in the patient, mm, short enough for a line of a list."""
+    return position_text(point, size, decimals=0)
 
 
 def _cursor_mm(context: bpy.types.Context) -> tuple[float, float, float]:
@@ -114,7 +113,7 @@ def _cursor_mm(context: bpy.types.Context) -> tuple[float, float, float]:
 
 
 def _has_room_for_cut(operator: Any, context: bpy.types.Context) -> bool:
-    """Return whether another cut is possible, with the reason if not."""
+    """Return whether a further cut is possible; else set the reason."""
     if len(context.scene.ctmc_solid.cuts) >= MOST_CUTS:
         operator.poll_message_set("A solid has at most 6 cuts; remove one")
         return False
@@ -131,7 +130,7 @@ class CTMC_OT_drain_add(Needs, bpy.types.Operator):
 
     auto: BoolProperty(
         name="Auto",
-        description="Place two holes where a liquid runs out: at the lowest point and at the highest",
+        description="Place two holes, at the lowest and at the highest point, so that liquid runs out",
         options={"SKIP_SAVE"},
     )
 
@@ -180,7 +179,7 @@ class CTMC_OT_cut_flip(Needs, bpy.types.Operator):
 
     bl_idname = "ctmc.cut_flip"
     bl_label = "Flip Cut"
-    bl_description = "Exchange parts a and b of this cut; pegs then stand on the other one"
+    bl_description = "Exchange parts a and b of this cut, and with them pegs and holes"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
     index: IntProperty(options={"HIDDEN", "SKIP_SAVE"})
@@ -239,6 +238,7 @@ class CTMC_OT_solid_remove(Needs, bpy.types.Operator):
         if not 0 <= self.index < len(lines):
             return {"CANCELLED"}
         lines.remove(self.index)
+        notify(context.scene.ctmc, COMBINED)
         session.redraw_viewports()
         return {"FINISHED"}
 
@@ -248,7 +248,7 @@ class CTMC_OT_solid_reset(Needs, bpy.types.Operator):
 
     bl_idname = "ctmc.solid_reset"
     bl_label = "Reset Solid"
-    bl_description = "Reset the part Solid, so that the next surfaces are as they were extracted"
+    bl_description = "Reset everything in Solid, so that the next surfaces are made without it"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
     needs = (jobs.idle,)
@@ -260,6 +260,7 @@ class CTMC_OT_solid_reset(Needs, bpy.types.Operator):
                 getattr(solid, about.identifier).clear()
             elif not about.is_readonly:
                 solid.property_unset(about.identifier)
+        notify(context.scene.ctmc, COMBINED)
         session.redraw_viewports()
         return {"FINISHED"}
 

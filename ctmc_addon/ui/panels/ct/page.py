@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...state import volumes
+from ...state.ct import volumes
 from ..layout import PagePanel, begin, block, draw_status
 from .slice import draw_slice
 from .volume import LOAD, LOAD_LABELS, draw_load, draw_views

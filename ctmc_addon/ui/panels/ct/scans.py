@@ -9,8 +9,9 @@ import bpy
 
 from ....reporting.formatting import size_of_bytes
 from ... import jobs
-from ...properties.reading import set_button
-from ...state import scans, session, volumes
+from ...properties.ct.reading import set_button
+from ...state import session
+from ...state.ct import scans, volumes
 from ..layout import is_narrow
 
 

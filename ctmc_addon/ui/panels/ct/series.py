@@ -9,7 +9,7 @@ import bpy
 
 from ....readers import series_names
 from ...operators.ct.series import facts_of
-from ...state import volumes
+from ...state.ct import volumes
 from ...translations import translate
 from ..layout import draw_name, draw_text
 

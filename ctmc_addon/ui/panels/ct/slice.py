@@ -9,7 +9,7 @@ import bpy
 
 from ....blender.slices import is_slice
 from ....core.volume import ValueKind, slice_at, slice_position_text
-from ...state import volumes
+from ...state.ct import volumes
 from ...translations import translate
 from ..layout import block, draw_pair, draw_shape_change
 

@@ -7,12 +7,13 @@ from typing import Any
 
 import bpy
 
-from ....core import Volume
+from ....core import Volume, sizes_text
 from ....core.volume import ValueKind, VolumeStatistics
 from ....reporting.formatting import count, directions
 from ... import jobs
 from ...operators.ct.view import AS_IT_IS, SIDES
-from ...state import session, volumes
+from ...state import session
+from ...state.ct import stored_paths, volumes
 from ...translations import translate, translate_sentence
 from ..layout import draw_job, draw_name, draw_pair, draw_text
 from .scans import draw_cts, draw_without_damaged
@@ -51,13 +52,13 @@ def _draw_missing(layout: Any, context: bpy.types.Context) -> None:
     """Draw the name of the file's CT that is not in memory, and a button to load it."""
     box = layout.box()
     path = context.scene.ctmc.volume_path
-    is_missing = not volumes.exists(path)
+    is_missing = not stored_paths.exists(path)
     text = translate(
         "The CT {name} has been moved or deleted. Surfaces stay as they are; load it from its new place to go on"
     )
     if not is_missing:
         text = translate("The CT {name} is not in memory. Surfaces stay as they are; load it again to make others")
-    draw_text(box, context, text.format(name=volumes.name_of(path)), "INFO")
+    draw_text(box, context, text.format(name=stored_paths.name_of(path)), "INFO")
     if not is_missing:
         box.operator("ctmc.load", text="Load Again", icon="FILE_REFRESH").again = True
 
@@ -105,11 +106,11 @@ def _draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded
 def facts_of(volume: Volume, statistics: VolumeStatistics) -> tuple[str, str]:
     """Return size and spacing in a line, range of the values and orientation in another."""
     columns, rows, slices = volume.size
-    spacing = " x ".join(f"{side:.3g}" for side in volume.spacing)
+    spacing = sizes_text(volume.spacing, digits=3)
     low, high = f"{statistics.low:g}", f"{statistics.high:g}"
     text = {ValueKind.HU: "Values {low} to {high} HU", ValueKind.LABEL: "Labels {low} to {high}"}
     values = translate(text.get(volume.kind, "Values {low} to {high} (no HU)")).format(low=low, high=high)
-    return f"{columns} x {rows} x {slices}, {spacing} mm", f"{values}, {volume.orientation}"
+    return f"{columns} x {rows} x {slices}, {spacing}", f"{values}, {volume.orientation}"
 
 
 def _draw_label_files(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded) -> None:

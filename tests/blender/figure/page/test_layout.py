@@ -46,6 +46,7 @@ def render(things, path, page=SMALL, blend=None, lines=(), **style):
     return finish(figure_steps(cells, path, page, FigureStyle(**{"style": "paper", **style}), blend))
 
 
+@pytest.mark.once
 def test_a_long_legend_takes_the_width_of_the_page(thing):
     """Sixty names of 12 letters: a column of them, as there is room for beside scale bar and axes, is 210 mm high."""
     shown = tuple(ShownSurface(thing, name=f"structure {at}") for at in range(60))
@@ -61,7 +62,7 @@ def test_a_long_legend_takes_the_width_of_the_page(thing):
     assert (few.legend_columns, few.legend_above_mm) == (1, 0)
 
 
-@pytest.mark.parametrize("count", [15, 61, 117])
+@pytest.mark.parametrize("count", [15, *(pytest.param(count, marks=pytest.mark.once) for count in (61, 117))])
 def test_many_structures_have_two_columns_wide_of_which_the_picture_takes_half(thing, count):
     shown = tuple(ShownSurface(thing, name=f"structure {at}") for at in range(count))
     figure = finish(compose_steps([Cell(shown)], Page(dpi=72.0), FigureStyle(caption="A caption.")))
@@ -81,7 +82,9 @@ def test_up_to_fourteen_structures_have_one_column(thing):
     assert width == round(85.0 / 25.4 * 72.0)
 
 
-@pytest.mark.parametrize(("width_mm", "dpi"), [(40.0, 72.0), (25.4, 300.0), (20.0, 600.0)])
+@pytest.mark.parametrize(
+    ("width_mm", "dpi"), [(40.0, 72.0), (25.4, 300.0), pytest.param(20.0, 600.0, marks=pytest.mark.once)]
+)
 def test_a_png_has_the_asked_size_in_millimeters(thing, tmp_path, width_mm, dpi):
     page = Page(width_mm, dpi, height_mm=20.0)
     size = render([thing], tmp_path / "a.png", page, orientation=False, engine="cycles")
@@ -210,7 +213,7 @@ def test_every_cell_is_seen_by_the_same_camera(scene, torus, tmp_path):
         assert (mask ^ masks[0]).mean() < 0.03
 
 
-@pytest.mark.parametrize("elevation", [20.0, -60.0])
+@pytest.mark.parametrize("elevation", [20.0, pytest.param(-60.0, marks=pytest.mark.once)])
 def test_no_cell_shades_another(scene, ball, tmp_path, elevation):
     things = [add_reconstruction(ball(), scene) for _ in range(4)]
     alone = {"style": "print", "edges": False, "orientation": False, "scale_bar": False, "elevation": elevation}
@@ -348,7 +351,7 @@ def test_the_background_is_white_to_the_last_pixel(thing, tmp_path):
     assert (pixels(tmp_path / "a.png")[:3] == 1).all()
 
 
-@pytest.mark.parametrize("transparent", [False, True])
+@pytest.mark.parametrize("transparent", [pytest.param(False, marks=pytest.mark.once), True])
 def test_a_picture_in_tiles_is_the_picture(thing, tmp_path, monkeypatch, transparent):
     page = Page(40.0, 72.0, transparent=transparent)
     render([thing], tmp_path / "whole.png", page)
@@ -359,7 +362,7 @@ def test_a_picture_in_tiles_is_the_picture(thing, tmp_path, monkeypatch, transpa
     assert len(list(tmp_path.iterdir())) == 2
 
 
-@pytest.mark.parametrize("transparent", [False, True])
+@pytest.mark.parametrize("transparent", [pytest.param(False, marks=pytest.mark.once), True])
 def test_a_process_of_its_own_renders_the_same_picture(thing, tmp_path, transparent):
     page, before = Page(40.0, 72.0, transparent=transparent), counts()
     render([thing], tmp_path / "here.png", page)

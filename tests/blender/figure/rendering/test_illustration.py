@@ -40,7 +40,7 @@ def test_what_hides_a_tumor_is_translucent_from_where_the_camera_stands(nested, 
 
     assert opacities(0.0) == [0.3, 1.0, 1.0]
     assert opacities(180.0) == [0.3, 1.0, 0.3], "from behind the bone hides it too"
-    assert opacities(180.0, chosen=[0.8, None, 1.0]) == [0.8, 1.0, 1.0], "what was chosen is kept"
+    assert opacities(180.0, opacities=[0.8, None, 1.0]) == [0.8, 1.0, 1.0], "a given opacity is kept"
     assert opacities(0.0, names=["a", "b", "c"]) == [0.3, 1.0, 1.0], "without a tumor what hides all others"
     assert opacities(90.0, names=["a", "b", "c"]) == [1.0, 1.0, 1.0], "the bone stands beside it"
 
@@ -115,6 +115,7 @@ def test_illustrations_are_sampled_until_the_noise_is_low_and_denoised_where_the
     assert found == {"illustration": (can_denoise(), True), "clinical": (False, False)}
 
 
+@pytest.mark.once
 @pytest.mark.skipif(not can_denoise(), reason="this Blender has no denoiser")
 def test_what_is_even_has_16_samples(scene, ball, tmp_path):
     thing = ShownSurface(add_reconstruction(ball(), scene), name="")
@@ -145,7 +146,7 @@ def test_what_is_even_has_16_samples(scene, ball, tmp_path):
     assert went_on.mean() > 0.1
 
 
-@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("mirrored", [pytest.param(False, marks=pytest.mark.once), True])
 def test_of_an_outline_the_renderer_gets_what_the_camera_sees(scene, ball, tmp_path, mirrored):
     obj = add_reconstruction(ball(), scene)
     obj.scale.x *= -1 if mirrored else 1
@@ -174,6 +175,7 @@ def test_of_an_outline_the_renderer_gets_what_the_camera_sees(scene, ball, tmp_p
     assert np.abs(coarse[0] - coarse[1]).max() < 10, "but the noise of single pixels"
 
 
+@pytest.mark.once
 @pytest.mark.skipif(not can_denoise(), reason="this Blender has no denoiser")
 def test_letters_below_the_picture_are_not_denoised(scene, ball, tmp_path, monkeypatch):
     monkeypatch.setattr(pictures, "WRITTEN_PIXELS", 1000)

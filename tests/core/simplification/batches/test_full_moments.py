@@ -31,7 +31,8 @@ BOUND = pytest.param({"max_error": 2.5}, 12000, marks=pytest.mark.once)
 
 @pytest.mark.parametrize(
     ("goal", "whole_faces"),
-    [({"reduction": 0.96}, faces) for faces in FACES]
+    [({"reduction": 0.96}, faces) for faces in FACES[:2]]
+    + [pytest.param({"reduction": 0.96}, FACES[2], marks=pytest.mark.once)]
     + [pytest.param({"reduction": 0.99}, faces, marks=pytest.mark.once) for faces in FACES]
     + [BOUND],
 )
@@ -52,6 +53,7 @@ def test_removed_balls_count_with_their_exact_volume_in_one_batch_and_in_many(go
     assert distance.lost.volume == pytest.approx(result.collapsed.volume, rel=1e-9)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("close_border", [True, False])
 def test_open_components_and_cavities_of_noise_count_with_the_volume_that_the_full_surface_has(close_border):
     values = np.random.default_rng(0).normal(size=(20, 20, 20)).astype(np.float32)

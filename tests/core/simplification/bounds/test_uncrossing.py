@@ -139,6 +139,7 @@ def test_clusters_alone_make_no_crossing(full):
     assert crossings(clustered) == 0
 
 
+@pytest.mark.once
 def test_within_a_maximum_error_nothing_crosses():
     mesh = leaves(2, 20)
     result = finish(simplification_steps(mesh, max_error=0.8))
@@ -181,6 +182,7 @@ def triangles_of(mesh):
     return turned.reshape(-1, 9)[np.lexsort(turned.reshape(-1, 9).T)]
 
 
+@pytest.mark.once
 def test_undoing_every_change_brings_back_the_surface_as_it_was(full):
     mesh, log = changed_mesh(full, 30)
     count = sum(each.count for each in log.rounds)
@@ -194,6 +196,7 @@ def test_undoing_every_change_brings_back_the_surface_as_it_was(full):
     assert (triangles_of(mesh) == triangles_of(start)).all()
 
 
+@pytest.mark.once
 def test_undoing_some_changes_leaves_a_sound_surface_and_others_as_they_are(full):
     mesh, log = changed_mesh(full, 6)
     before = {tuple(row) for row in triangles_of(mesh)}

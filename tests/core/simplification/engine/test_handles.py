@@ -189,7 +189,7 @@ def sponge():
     return mesh
 
 
-@pytest.mark.parametrize("reduction", [0.5, *FURTHER, 0.95])
+@pytest.mark.parametrize("reduction", [0.5, *FURTHER, pytest.param(0.95, marks=pytest.mark.once)])
 def test_the_two_sides_of_a_cut_are_not_at_the_same_place(sponge, reduction):
     found, _ = simplification(sponge, reduction=reduction)
     assert found.handles_cut > 20
@@ -216,6 +216,7 @@ def test_no_triangle_turns_over_where_a_cut_is_pulled_apart():
     assert (face_vectors(before, faces.T) * face_vectors(after.T, faces.T)).sum(axis=1).min() >= 0
 
 
+@pytest.mark.once
 def test_within_a_maximum_error_every_handle_stays():
     mesh = noisy_sphere(10)
     found, _ = simplification(mesh, max_error=1.0)
@@ -232,6 +233,7 @@ def test_normals_are_carried_along():
     assert np.allclose(np.linalg.norm(found.mesh.normals, axis=1), 1, atol=1e-5)
 
 
+@pytest.mark.once
 def test_the_same_input_gives_the_same_bytes_in_any_unit():
     mesh = noisy_sphere(60)
     one, two = (simplification(mesh, reduction=0.93)[0] for _ in range(2))

@@ -9,7 +9,7 @@ import pytest
 from ctmc_addon.core import Volume, finish
 from ctmc_addon.core.volume import (
     TISSUES,
-    Limits,
+    ThresholdLimits,
     grabbed_limit,
     histogram_bars,
     moved_limit,
@@ -99,11 +99,11 @@ def test_a_dragged_number_is_as_precise_as_a_pixel():
 
 
 def test_limits_never_cross_and_an_upper_limit_at_the_end_is_none():
-    limits = Limits(200.0, 500.0)
+    limits = ThresholdLimits(200.0, 500.0)
     assert moved_limit(limits, False, -5000.0, -1000.0, 3000.0) == (-1000.0, 500.0)
     assert moved_limit(limits, True, 100.0, -1000.0, 3000.0) == (200.0, 200.0)
     assert moved_limit(limits, True, 9000.0, -1000.0, 3000.0) == (200.0, None)
-    assert moved_limit(Limits(200.0, None), False, 700.0, -1000.0, 3000.0) == (700.0, None)
+    assert moved_limit(ThresholdLimits(200.0, None), False, 700.0, -1000.0, 3000.0) == (700.0, None)
 
 
 @pytest.mark.parametrize(
@@ -111,4 +111,4 @@ def test_limits_never_cross_and_an_upper_limit_at_the_end_is_none():
     [(500, 210, False), (500, 495, True), (500, 340, False), (500, 900, True), (None, 900, False), (None, 2995, True)],
 )
 def test_a_press_takes_the_limit_that_is_meant(upper, value, is_upper):
-    assert grabbed_limit(Limits(200.0, upper), value, 3000.0, 10.0) is is_upper
+    assert grabbed_limit(ThresholdLimits(200.0, upper), value, 3000.0, 10.0) is is_upper

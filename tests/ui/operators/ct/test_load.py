@@ -24,7 +24,7 @@ from ctmc_addon.core import Budget, reconstruct
 from ctmc_addon.core.volume import linear
 from ctmc_addon.readers import read_volume
 from ctmc_addon.ui.panels import main as panels
-from ctmc_addon.ui.state import volumes
+from ctmc_addon.ui.state.ct import volumes
 
 ROOT = Path(__file__).resolve().parents[4]
 
@@ -161,8 +161,8 @@ def test_the_command_of_blender_is_the_command_line(monkeypatch):
 def test_dialogs_ask_before_a_file_is_replaced_and_show_the_suffix(scene, ball_file, tmp_path):
     from types import SimpleNamespace
 
-    from ctmc_addon.ui.operators import rotation as rotation_test
-    from ctmc_addon.ui.operators.surface import export
+    from ctmc_addon.ui.operators.render import rotation as rotation_test
+    from ctmc_addon.ui.operators.results import export
 
     for kind, name, named in (
         (export.CTMC_OT_export, "bone", "bone.stl"),
@@ -233,7 +233,7 @@ def test_a_ct_that_does_not_fit_is_shown_coarse_and_reconstructed_from_its_file(
 def test_the_format_of_the_dialog_and_the_suffix_follow_each_other(scene):
     from types import SimpleNamespace
 
-    from ctmc_addon.ui.operators.surface.export import CTMC_OT_export
+    from ctmc_addon.ui.operators.results.export import CTMC_OT_export
 
     dialog = SimpleNamespace(filepath="/x/bone.stl", kind=".stl", suffixes=CTMC_OT_export.suffixes)
     dialog.ending = lambda: dialog.kind

@@ -18,7 +18,9 @@ from ui.drawing import Layout
 from ctmc_addon.ui.operators.ct.series import facts_of, items
 from ctmc_addon.ui.panels.ct.scans import draw_without_damaged
 from ctmc_addon.ui.panels.ct.series import draw_series
-from ctmc_addon.ui.state import session, structures, volumes
+from ctmc_addon.ui.state import session
+from ctmc_addon.ui.state.ct import volumes
+from ctmc_addon.ui.state.surface import structures
 
 
 @pytest.fixture

@@ -11,9 +11,10 @@ bpy = pytest.importorskip("bpy")
 from ui.drawing import drawn
 
 from ctmc_addon.readers import read_volume
-from ctmc_addon.ui.operators.surface import results
+from ctmc_addon.ui.operators.results import results
 from ctmc_addon.ui.panels import main as panels
-from ctmc_addon.ui.state import session, volumes
+from ctmc_addon.ui.state import session
+from ctmc_addon.ui.state.ct import volumes
 
 
 def several_times(path):

@@ -9,9 +9,9 @@ bpy = pytest.importorskip("bpy")
 
 from ui.drawing import drawn
 
-from ctmc_addon.ui.operators.surface.results import command_text
+from ctmc_addon.ui.operators.results.results import command_text
 from ctmc_addon.ui.panels.main import CTMC_PT_ct
-from ctmc_addon.ui.state import volumes
+from ctmc_addon.ui.state.ct import volumes
 
 
 def test_it_is_a_switch_that_the_note_and_the_command_know(scene, tmp_path):

@@ -17,8 +17,10 @@ from ui.drawing import Layout, meshes_in
 from ctmc_addon.blender.rulers import PROPERTY as RULER
 from ctmc_addon.blender.scene.ct_box import box_of, fingerprint_of_box, link_beside_ct, paths_of_boxes
 from ctmc_addon.ui.panels.ct.scans import draw_cts
-from ctmc_addon.ui.state import scans, session, structures, volumes
-from ctmc_addon.ui.viewport import live
+from ctmc_addon.ui.state import session
+from ctmc_addon.ui.state.ct import scans, volumes
+from ctmc_addon.ui.state.surface import structures
+from ctmc_addon.ui.viewport.surface import live
 
 
 @pytest.fixture
@@ -109,6 +111,21 @@ def test_labels_are_freed_with_their_ct(loaded, tmp_path):
     assert is_gone(labels)
     bpy.ops.ctmc.load(again=True)
     assert len(structures.label_volume(loaded).label_names) == 1
+
+
+def test_labels_stay_when_their_ct_is_read_again_and_go_with_a_file_that_does_not_use_them(loaded, tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "without.blend"))
+    np.save(tmp_path / "mask.npy", (distance_mm((12, 24, 24), spacing=(1, 1, 2)) < 5).astype(np.uint8))
+    bpy.ops.ctmc.load_labels(filepath=str(tmp_path / "mask.npy"))
+    before = structures.label_volume(loaded)
+    bpy.ops.ctmc.load(again=True)
+    assert structures.label_volume(loaded) is before
+    labels = weakref.ref(before)
+    del before
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "without.blend"))
+    assert volumes.current(bpy.context.scene) is not None
+    assert volumes.require_loaded(bpy.context.scene).labels == {}
+    assert is_gone(labels)
 
 
 def test_the_next_ct_is_the_panels_after_one_is_removed_and_an_empty_panel_after_the_last(two):

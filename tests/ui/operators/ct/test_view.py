@@ -10,7 +10,7 @@ bpy = pytest.importorskip("bpy")
 
 from ctmc_addon.blender.scene.ct_box import box_of
 from ctmc_addon.core.volume import volume_box
-from ctmc_addon.ui.state import volumes
+from ctmc_addon.ui.state.ct import volumes
 
 
 @pytest.fixture

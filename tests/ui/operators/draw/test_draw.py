@@ -19,10 +19,13 @@ from ctmc_addon.core.volume import label_extents_steps, volume_box
 from ctmc_addon.readers import read_volume
 from ctmc_addon.ui import operators
 from ctmc_addon.ui.operators.draw.stroke import CTMC_OT_draw_stroke
-from ctmc_addon.ui.state import drawings, masks, measurements, scans, structures, surfaces, volumes
-from ctmc_addon.ui.viewport import drawn
-from ctmc_addon.ui.viewport.draw_tools import BrushOfSlices
-from ctmc_addon.ui.viewport.slice_hits import SliceHit, brush_along
+from ctmc_addon.ui.state.ct import scans, stored_paths, volumes
+from ctmc_addon.ui.state.draw import drawings, masks
+from ctmc_addon.ui.state.results import measurements, surfaces
+from ctmc_addon.ui.state.surface import structures
+from ctmc_addon.ui.viewport.ct.slice_hits import SliceHit, brush_along
+from ctmc_addon.ui.viewport.draw import drawn
+from ctmc_addon.ui.viewport.draw.draw_tools import BrushOfSlices
 
 
 def packed():
@@ -361,7 +364,7 @@ def test_drawings_of_two_cts_of_one_name_lie_apart_under_the_name_of_the_panel(d
     stroke(middle())
     masks.append(mask().copy())
     scene.ctmc.volume_name = "case 7"
-    second, first = (ct.volume_fingerprint for ct in scans.all_of(scene))
+    second, first = (ct.volume_fingerprint for ct in stored_paths.states_in(scene))
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "case.blend"))
     for fingerprint, before in zip((first, second), masks, strict=True):
         file = tmp_path / f"case Scene case 7 {fingerprint[:4]} drawn.seg.nrrd"

@@ -9,8 +9,9 @@ import pytest
 bpy = pytest.importorskip("bpy")
 from ui.strokes import mask, middle, stroke
 
-from ctmc_addon.ui.state import drawings, scans, volumes
-from ctmc_addon.ui.viewport import drawn
+from ctmc_addon.ui.state.ct import scans, volumes
+from ctmc_addon.ui.state.draw import drawings
+from ctmc_addon.ui.viewport.draw import drawn
 
 
 @pytest.fixture

@@ -10,7 +10,9 @@ import pytest
 bpy = pytest.importorskip("bpy")
 from ui.strokes import mask, middle, stroke
 
-from ctmc_addon.ui.state import drawings, scans, structures, volumes
+from ctmc_addon.ui.state.ct import scans, volumes
+from ctmc_addon.ui.state.draw import drawings
+from ctmc_addon.ui.state.surface import structures
 
 
 def drawn_lines():

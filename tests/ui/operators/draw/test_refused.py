@@ -19,8 +19,9 @@ from ctmc_addon.ui.operators.draw.grow import CTMC_OT_draw_grow
 from ctmc_addon.ui.operators.draw.radius import CTMC_OT_draw_radius
 from ctmc_addon.ui.operators.draw.scissors import CTMC_OT_draw_cut
 from ctmc_addon.ui.operators.draw.stroke import CTMC_OT_draw_stroke
-from ctmc_addon.ui.state import structures, volumes
-from ctmc_addon.ui.viewport.slice_hits import SliceHit
+from ctmc_addon.ui.state.ct import volumes
+from ctmc_addon.ui.state.surface import structures
+from ctmc_addon.ui.viewport.ct.slice_hits import SliceHit
 
 
 @pytest.mark.parametrize("how", ["or", "minus", "and"])
@@ -30,7 +31,7 @@ def test_a_label_that_is_not_in_memory_is_not_combined(drawing, tmp_path, how):
     before = mask().copy()
     labels = Volume(np.ones(ct.shape, np.uint8), ct.affine, kind=ValueKind.LABEL, label_names={1: "liver"})
     structures.add_labels(scene, labels, "a file", tmp_path / "gone.nii.gz")
-    structures._sources.clear()  # as when the .blend is opened and the file is gone
+    volumes.require_loaded(scene).labels.clear()  # as when the .blend is opened and the file is gone
     drawing.other, drawing.combination = "liver", how
     with pytest.raises(RuntimeError, match="The labels of liver are not in memory; press Load Again"):
         bpy.ops.ctmc.draw_combine()

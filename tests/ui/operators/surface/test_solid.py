@@ -17,13 +17,14 @@ from ctmc_addon.blender.colors import part_color
 from ctmc_addon.blender.surface import own_mesh, read_provenance
 from ctmc_addon.core import MadeSurface, SettingsError, TriangleMesh, make_surfaces_steps
 from ctmc_addon.core.solid import MOST_CUTS, Combination, Combining, Cut, Drain, MadeParts, Pegs, SolidRequest
+from ctmc_addon.ui.operators.results.results import command_text
 from ctmc_addon.ui.operators.surface import solid as operators
-from ctmc_addon.ui.operators.surface.results import command_text
-from ctmc_addon.ui.panels.solid import draw_solid, draw_solid_line
-from ctmc_addon.ui.panels.surface import CTMC_PT_surface
-from ctmc_addon.ui.properties.solid import _offered as offered
-from ctmc_addon.ui.state import session, solids
-from ctmc_addon.ui.viewport.solid import outline_of
+from ctmc_addon.ui.panels.surface.page import CTMC_PT_surface
+from ctmc_addon.ui.panels.surface.solid import draw_solid, draw_solid_line
+from ctmc_addon.ui.properties.surface.solid import _offered as offered
+from ctmc_addon.ui.state import session
+from ctmc_addon.ui.state.surface import solids
+from ctmc_addon.ui.viewport.surface.solid import outline_of
 
 UP = (0.0, 0.0, 1.0)
 

@@ -12,10 +12,10 @@ bpy = pytest.importorskip("bpy")
 from ui.places import cursor_at, own_center
 
 from ctmc_addon.core import finish
-from ctmc_addon.ui.panels.solid import draw_places
-from ctmc_addon.ui.panels.surface import CTMC_PT_surface
-from ctmc_addon.ui.viewport import solid_places
-from ctmc_addon.ui.viewport.solid import outline_of
+from ctmc_addon.ui.panels.surface.page import CTMC_PT_surface
+from ctmc_addon.ui.panels.surface.solid import draw_places
+from ctmc_addon.ui.viewport.surface import solid_places
+from ctmc_addon.ui.viewport.surface.solid import outline_of
 
 
 @pytest.fixture(autouse=True)
@@ -34,7 +34,7 @@ def test_pegs_and_drains_are_shown_where_they_are_made_once_they_are_found(loade
     assert (outline.pegs, outline.holes, outline.drains) == ([], [], [])
     assert [radius for _, radius in outline.places] == [2.0]
     assert solid_places.is_looking(loaded)
-    assert "Looking for places of pegs and drains" in drawn(draw_places).texts
+    assert "Placing pegs and drains" in drawn(draw_places).texts
     finish(solid_places.placing_steps(loaded.session_uid))
     assert not solid_places.is_looking(loaded)
     outline = outline_of(loaded)

@@ -14,7 +14,8 @@ from ctmc_addon.blender.surface import evaluated_triangles, read_provenance
 from ctmc_addon.core import Budget, MemoryLimitError, ReconstructionSettings, SettingsError, finish, reconstruct
 from ctmc_addon.core.volume import otsu
 from ctmc_addon.readers import read_volume
-from ctmc_addon.ui.state import session, volumes
+from ctmc_addon.ui.state import session
+from ctmc_addon.ui.state.ct import volumes
 
 
 @pytest.fixture
@@ -104,7 +105,7 @@ def test_an_update_leaves_an_alpha_that_a_hand_has_moved(loaded):
 
 def test_the_memory_limit_of_the_preferences_is_handed_to_every_simplifier(loaded, monkeypatch, tmp_path):
     from ctmc_addon.core.simplification.whole import Goal
-    from ctmc_addon.ui.operators import figure, rotation
+    from ctmc_addon.ui.operators.render import figure, rotation
     from ctmc_addon.ui.operators.surface import reconstruct
     from ctmc_addon.ui.properties.preferences import Machine
 
@@ -151,7 +152,7 @@ def too_large(loaded, monkeypatch):
 
 def test_a_surface_that_does_not_fit_is_simplified_as_it_is_extracted(loaded, too_large, ball_file):
     from ctmc_addon.core.planning.cost_estimate import FieldCache
-    from ctmc_addon.ui.state.cost_estimates import estimate_steps
+    from ctmc_addon.ui.state.surface.cost_estimates import estimate_steps
 
     loaded.ctmc.reduction = 0.9
     settings = loaded.ctmc.to_settings()

@@ -12,7 +12,9 @@ bpy = pytest.importorskip("bpy")
 from ui.drawing import meshes_in
 
 from ctmc_addon.blender.surface import read_provenance
-from ctmc_addon.ui.state import session, surfaces, volumes
+from ctmc_addon.ui.state import session
+from ctmc_addon.ui.state.ct import volumes
+from ctmc_addon.ui.state.results import surfaces
 
 
 def active():

@@ -3,11 +3,18 @@
 const MAPS = (() => {
   const numberText = (value) => String(+value.toPrecision(4));
 
+  // The unit in which numbers up to the largest are shown, and how many of it a millimeter is; as core/measures/units.py chooses.
+  const fitting = (largest, unit) => (unit === "mm" && largest && largest < 0.1 ? ["um", 1000] : [unit, 1]);
+  const lengthText = (mm, digits) => {
+    const [unit, size] = fitting(mm, "mm");
+    return `${+(mm * size).toPrecision(digits)} ${unit}`;
+  };
+
   // thickness_mm in mm is "thickness (mm)".
-  function titleOf(name, unit) {
+  function titleOf(name, unit, shown = unit) {
     const ending = `_${unit.toLowerCase()}`;
     const words = unit && name.toLowerCase().endsWith(ending) ? name.slice(0, -ending.length) : name;
-    return words.replaceAll("_", " ") + (unit ? ` (${unit})` : "");
+    return words.replaceAll("_", " ") + (shown ? ` (${shown})` : "");
   }
 
   const linearOf = (level) => (level <= 0.04045 * 255 ? level / 255 / 12.92 : ((level / 255 + 0.055) / 1.055) ** 2.4);
@@ -97,5 +104,5 @@ const MAPS = (() => {
     return value;
   }
 
-  return { numberText, titleOf, setRamp, sharesOf, colorByMap, valueAt };
+  return { fitting, lengthText, numberText, titleOf, setRamp, sharesOf, colorByMap, valueAt };
 })();

@@ -196,7 +196,7 @@
     const most = 140 * unit, ten = 10 ** Math.floor(Math.log10(most));
     const length = [5, 2, 1].map((step) => step * ten).find((step) => step <= most);
     bar.style.width = `${length / unit}px`;
-    barText.textContent = length >= 10 ? `${length / 10} cm` : `${+length.toPrecision(1)} mm`;
+    barText.textContent = length >= 10 ? `${length / 10} cm` : MAPS.lengthText(length, 1);
     const matrix = camera.matrixWorld.elements;
     const letters = (x, y, z) => [[x, 0], [y, 2], [z, 4]].filter(([share]) => Math.abs(share) > 0.35)
       .sort((a, b) => Math.abs(b[0]) - Math.abs(a[0])).map(([share, at]) => W.sides[at + (share < 0)]).join("");
@@ -252,10 +252,11 @@
     note.hidden = true;
     if (map) {
       const { unit, range: [low, high], colors, none } = map, bar = legend.querySelector("div i");
-      legend.querySelector("b").textContent = MAPS.titleOf(name, unit);
+      const [shown, size] = MAPS.fitting(Math.max(Math.abs(low), Math.abs(high)), unit);
+      legend.querySelector("b").textContent = MAPS.titleOf(name, unit, shown);
       bar.style.background = `linear-gradient(to top, ${colors.map((code) => `#${code}`).join(", ")})`;
       const ticks = [0, 0.25, 0.5, 0.75, 1].map((share) => {
-        const tick = element("li", null, { textContent: MAPS.numberText(low + share * (high - low)) });
+        const tick = element("li", null, { textContent: MAPS.numberText(size * (low + share * (high - low))) });
         tick.style.bottom = `${100 * share}%`;
         return tick;
       });
@@ -276,7 +277,8 @@
       mouse = null;
       note.hidden = value === null;
       if (value === null) return;
-      note.textContent = Number.isNaN(value) ? W.without : `${MAPS.numberText(value)} ${map.unit}`.trim();
+      const [unit, size] = MAPS.fitting(Math.abs(value), map.unit);
+      note.textContent = Number.isNaN(value) ? W.without : `${MAPS.numberText(size * value)} ${unit}`.trim();
       note.style.left = `${Math.min(x + 14, window.innerWidth - note.offsetWidth - 4)}px`;
       note.style.top = `${Math.max(4, y - 30)}px`;
     });
@@ -345,7 +347,7 @@
     const away = element("input", moving, { type: "range", min: 0, max: exploded.most, step: exploded.most / 200,
       value: exploded.start, id: "explode" });
     const reads = element("output", moving);
-    const tell = () => { reads.textContent = `${+exploded.mm.toPrecision(3)} mm`; };
+    const tell = () => { reads.textContent = MAPS.lengthText(exploded.mm, 3); };
     away.oninput = () => { explode(+away.value); tell(); apply(); };
     tell();
   }
