@@ -125,7 +125,7 @@ def test_the_largest_parts_are_kept():
     assert kept.mesh.volume == pytest.approx(4 / 3 * np.pi * 9**3, rel=0.03)
     dropped = reconstruct(volume, ReconstructionSettings(threshold=0.0, min_part_mm3=1000))
     assert dropped.mesh.vertices.tobytes() == kept.mesh.vertices.tobytes()
-    with pytest.raises(MeshError, match=r"volume of 1e\+06 mm3 or more: the largest of 2 has 3031 mm3"):
+    with pytest.raises(MeshError, match=r"volume of 1000 ml or more: the largest of 2 has 3.031 ml"):
         reconstruct(volume, ReconstructionSettings(threshold=0.0, min_part_mm3=1e6))
 
 

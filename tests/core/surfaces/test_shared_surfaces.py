@@ -208,7 +208,7 @@ def test_a_layer_of_which_nothing_is_left_takes_no_other_with_it():
             "label 4",
             "label 5",
         ]
-    with pytest.raises(MeshError, match="no component has a volume of 1e"):
+    with pytest.raises(MeshError, match="no component has a volume of 1000000 ml"):
         made(two_halves(), ReconstructionSettings(min_part_mm3=1e9))
     together = made_of(volume, ReconstructionSettings(min_part_mm3=1e9), (1, 2), all_needed=False)
     assert (together.results, sorted(together.errors)) == ({}, [1, 2])
