@@ -132,7 +132,7 @@ def test_a_circle_is_found_where_there_is_one():
 def test_every_file_fits_a_few_screens():
     files = [*SOURCES, *(ROOT / "tools").rglob("*.py")]
     lengths = {path.relative_to(ROOT).as_posix(): len(path.read_text("utf-8").splitlines()) for path in files}
-    assert {name: lines for name, lines in lengths.items() if lines > 450} == {}
+    assert {name: lines for name, lines in lengths.items() if lines > 445} == {}
 
 
 def test_every_folder_holds_one_subject():

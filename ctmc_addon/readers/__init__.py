@@ -42,7 +42,8 @@ from .registry import (
     is_whole_volume,
     open_steps,
 )
-from .result import Series, VolumeSource, checked_budget, checked_stride, out_of_memory, unreadable
+from .result import VolumeSource, checked_budget, checked_stride, out_of_memory, unreadable
+from .series import Series
 from .surface_files import SURFACE_SUFFIXES, read_surface_steps
 
 __all__ = [

@@ -15,7 +15,8 @@ from ...core.files.input_files import add_inputs
 from ..file_formats import format_of, natural_key, suffix, volume_stem
 from ..optional_imports import imported_steps, quiet_batches_steps
 from ..registry import BY_SUFFIX, FORMATS, IMAGE_SUFFIXES, PAGE_SUFFIXES
-from ..result import RawValues, ReadRequest, Series, VolumeSource
+from ..result import RawValues, ReadRequest, VolumeSource
+from ..series import Series
 from .decoded import DecodedSlices
 from .ome_files import ome_files_among, ome_files_of, slices_of_ome_steps
 from .pillow import DECODED, Picture, gray_slice, picture

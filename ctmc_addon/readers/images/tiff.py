@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from ...core import PAUSE, ReadError, Steps
 from ...core.volume import SliceReader
 from ..optional_imports import needed, quiet
-from ..result import RawValues, ReadRequest, Series, VolumeSource
+from ..result import RawValues, ReadRequest, VolumeSource
+from ..series import Series
 from ..streams.stored_slices import RawSlices, TimeSlices
 from ..value_kind import scaled_steps
 from .decoded import DecodedSlices

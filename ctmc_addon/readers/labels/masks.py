@@ -30,7 +30,8 @@ from ..dicom.series.mask_series import middle_is_mask_steps
 from ..dicom.series.series import DicomSource
 from ..file_formats import natural_key, segmentation_sibling, stem, suffix
 from ..registry import MASK_SUFFIXES
-from ..result import RawValues, ReadRequest, Series, VolumeSource
+from ..result import RawValues, ReadRequest, VolumeSource
+from ..series import Series
 from ..value_kind import NotAMask, two_values
 from .label_map import MOST_LABELS, LabelMap, limited
 

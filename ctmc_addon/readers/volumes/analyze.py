@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from ...core import ReadError, Steps
 from ..optional_imports import needed, quiet, reason
 from ..registry import ANALYZE_LIBRARY
-from ..result import RawValues, ReadRequest, Series, VolumeSource
+from ..result import RawValues, ReadRequest, VolumeSource
+from ..series import Series
 from ..streams.streams import STREAM_ERRORS
 from ..value_kind import scaled_steps
 from .grid import grid_slices

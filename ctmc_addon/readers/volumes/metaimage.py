@@ -21,7 +21,8 @@ from ...core import ReadError, Steps, equal_part
 from ...core.volume import SliceReader, ValuesInMemory
 from ..geometry import turned_notes
 from ..length_units import in_mm
-from ..result import RawValues, ReadRequest, Series, VolumeSource
+from ..result import RawValues, ReadRequest, VolumeSource
+from ..series import Series
 from ..streams.stored_slices import JoinedSlices, PackedSlices, RawSlices, TimeSlices
 from ..streams.zlib_stream import ZlibFile
 from ..value_kind import require_text_memory

@@ -15,7 +15,8 @@ from ...core import ReadError
 from ...core.volume import transform_points
 from ..optional_imports import needed, quiet, reason
 from ..registry import MGH_LIBRARY
-from ..result import RawValues, ReadRequest, Series, VolumeSource
+from ..result import RawValues, ReadRequest, VolumeSource
+from ..series import Series
 from ..streams.streams import STREAM_ERRORS, opened
 from .grid import grid_slices
 

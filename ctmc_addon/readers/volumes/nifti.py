@@ -24,7 +24,8 @@ from ..labels.colors import RGB, is_palette, rgb_of_shares
 from ..length_units import in_mm
 from ..optional_imports import needed, quiet, reason
 from ..registry import NIFTI_LIBRARY
-from ..result import RawValues, ReadRequest, Series, VolumeSource
+from ..result import RawValues, ReadRequest, VolumeSource
+from ..series import Series
 from ..streams.streams import STREAM_ERRORS, opened
 from ..value_kind import scaled_steps
 from .grid import grid_slices

@@ -11,7 +11,8 @@ import numpy as np
 
 from ...core import ReadError
 from ..optional_imports import quiet
-from ..result import RawValues, ReadRequest, Series, VolumeSource
+from ..result import RawValues, ReadRequest, VolumeSource
+from ..series import Series
 from ..streams.stored_slices import RawSlices, TransposedSlices
 
 # Of NumPy on a header, which is a line of Python.

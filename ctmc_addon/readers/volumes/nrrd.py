@@ -23,7 +23,8 @@ from ...core.volume import SliceReader, ValueKind, ValuesInMemory
 from ..geometry import AXIAL
 from ..labels.names.segments import layered_steps, names_and_colors, segments_of
 from ..optional_imports import needed, quiet, reason
-from ..result import RawValues, ReadRequest, Series, VolumeSource
+from ..result import RawValues, ReadRequest, VolumeSource
+from ..series import Series
 from ..streams.stored_slices import InterleavedSlices, JoinedSlices, PackedSlices, RawSlices, TimeSlices
 from ..streams.streams import skip_steps, unpacked
 from ..value_kind import require_text_memory

@@ -23,7 +23,8 @@ from ..geometry import AXIAL, taken_as_axial, turned_notes
 from ..labels.colors import RGB
 from ..labels.label_map import clean_name
 from ..length_units import in_mm
-from ..result import RawValues, ReadRequest, Series, VolumeSource
+from ..result import RawValues, ReadRequest, VolumeSource
+from ..series import Series
 from .zarr_array import ArrayHeader, ZarrSlices, array_header, listed, missing_note, read_json
 
 VERSIONS = ("0.4", "0.5")

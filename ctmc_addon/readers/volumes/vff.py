@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from ...core import ReadError, Steps
-from ..result import RawValues, ReadRequest, Series, VolumeSource
+from ..result import RawValues, ReadRequest, VolumeSource
+from ..series import Series
 from ..streams.stored_slices import RawSlices
 from ..value_kind import scaled_steps
 from .nrrd import header_text

@@ -16,7 +16,8 @@ import numpy as np
 from ...core import ReadError
 from ..file_formats import companion_text
 from ..length_units import in_mm
-from ..result import RawValues, ReadRequest, Series, VolumeSource
+from ..result import RawValues, ReadRequest, VolumeSource
+from ..series import Series
 from ..streams.stored_slices import RawSlices
 from .nrrd import header_text, inner_path, open_data_file
 from .text_header import MOST_HEADER, numbers, volume_size, whole

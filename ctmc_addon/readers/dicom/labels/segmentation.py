@@ -17,7 +17,8 @@ from ....core import ReadError, Stages, Step, Steps
 from ....core.volume import ValueKind
 from ...labels.label_map import LabelMap
 from ...optional_imports import imported_steps
-from ...result import RawValues, ReadRequest, Series, VolumeSource
+from ...result import RawValues, ReadRequest, VolumeSource
+from ...series import Series
 from ..header import Slice
 from ..pixels.pixels import check_codec
 from ..pixels.stored import StoredPixels

@@ -20,7 +20,8 @@ from ....core.volume import ValueKind
 from ...labels.colors import RGB, rgb_of_bytes
 from ...labels.label_map import LabelMap, clean_name, limited
 from ...optional_imports import imported_steps
-from ...result import RawValues, ReadRequest, Series, VolumeSource
+from ...result import RawValues, ReadRequest, VolumeSource
+from ...series import Series
 from ..header import Slice
 from .contour_filling import fill_steps
 from .contour_planes import Contour, Plane, PlaneAssignment, assigned_planes, planes_of

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core import ReadError, one_line
-from ...result import Series
+from ...series import Series
 from ..header import Slice
 from ..pixels.pixels import output_types
 from .stack_geometry import SAME_MM

@@ -15,7 +15,8 @@ from ....core.volume import ValueKind
 from ...file_formats import files_below, natural_key, volume_stem
 from ...optional_imports import imported_steps, quiet
 from ...options import ReadingOptions
-from ...result import RawValues, ReadRequest, Series, VolumeSource
+from ...result import RawValues, ReadRequest, VolumeSource
+from ...series import Series
 from ...value_kind import is_mask_steps
 from ..dose_frames import GY
 from ..header import DOSE_MODALITY, Broken, Slice, has_other_suffix, kind_in_words, read_dose_header
