@@ -113,7 +113,7 @@ WORK = {
     ),
     "shared walls": (labels("none"), Work(3_325, 4_257, 6_983_000, 3_440_000)),
     "simplification": (field((10, 21, 40), reduction=0.8), Work(94_879, 87_532, 63_529_000, 6_278_000)),
-    "simplification of shared walls": (labels("none", reduction=0.8), Work(30_157, 35_113, 25_366_000, 3_682_000)),
+    "simplification of shared walls": (labels("none", reduction=0.8), Work(31_107, 35_140, 22_217_000, 3_682_000)),
 }
 
 

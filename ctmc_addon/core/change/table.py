@@ -13,7 +13,7 @@ from .compare import ChangeRow
 from .components import Component
 
 DIGITS = 9  # A number in a CSV has this many digits.
-ML = 1000.0  # mm3
+MM3_PER_ML = 1000.0
 
 
 class _Column(NamedTuple):
@@ -22,13 +22,13 @@ class _Column(NamedTuple):
     Parameters
     ----------
     name : str
-        In files.
+        Name in files.
     value : callable
-        Returns the cell of a row; None where it is not known.
+        Returns the cell of a row; None if unknown.
     head : str
-        For a person; a column without one is in files alone.
+        Name in the terminal; a column without it is only in files.
     text : callable
-        Returns the text of a row's known cell for a person.
+        Returns the text of a row's cell, if known, for the terminal.
     """
 
     name: str
@@ -38,17 +38,17 @@ class _Column(NamedTuple):
 
 
 def _numbers(components: Sequence[Component]) -> str:
-    """Return the numbers of components, the largest of its volume first: '1', or '2+3' where several are one row."""
+    """Return the numbers of components, the largest in its volume first: '1', or '2+3' for several."""
     return "+".join(str(each.number) for each in components)
 
 
 def _in_ml(volume_mm3: float | None) -> float | None:
-    return None if volume_mm3 is None else volume_mm3 / ML
+    return None if volume_mm3 is None else volume_mm3 / MM3_PER_ML
 
 
 def _volume_text(row: ChangeRow, volume_ml: float) -> str:
     """Return one of both volumes, in the unit that fits the larger one."""
-    return text_beside(volume_ml * ML, (row.volume_before_mm3, row.volume_after_mm3), "mm3")
+    return text_beside(volume_ml * MM3_PER_ML, (row.volume_before_mm3, row.volume_after_mm3), "mm3")
 
 
 def _diameter_text(row: ChangeRow, diameter_mm: float) -> str:
@@ -81,7 +81,7 @@ _COLUMNS = (
 CHANGE_HEADS = tuple(each.name for each in _COLUMNS)
 
 
-def change_columns(row: ChangeRow) -> dict[str, Any]:
+def _change_columns(row: ChangeRow) -> dict[str, Any]:
     """Return the columns of a row by their names."""
     return {each.name: each.value(row) for each in _COLUMNS}
 
@@ -89,7 +89,7 @@ def change_columns(row: ChangeRow) -> dict[str, Any]:
 def written_columns(row: ChangeRow) -> dict[str, Any]:
     """Return the columns of a row for files; unknown values are None."""
     return {
-        head: f"{cell:.{DIGITS}g}" if isinstance(cell, float) else cell for head, cell in change_columns(row).items()
+        head: f"{cell:.{DIGITS}g}" if isinstance(cell, float) else cell for head, cell in _change_columns(row).items()
     }
 
 

@@ -220,8 +220,8 @@ def _statistics_text(statistics: Mapping[str, float | None], unit: str) -> str:
         f"{numbers['maximum']} (90 %: {numbers['percentile_5']} to {numbers['percentile_95']})"
     )
     shares = {"without a value": "share_without", "below": "share_below", "above": "share_above"}
-    known = {words: statistics.get(part) for words, part in shares.items()}
-    return ", ".join([text, *(f"{percent_text(share)} {words}" for words, share in known.items() if share)])
+    parts = {words: statistics.get(part) for words, part in shares.items()}
+    return ", ".join([text, *(f"{percent_text(share)} {words}" for words, share in parts.items() if share)])
 
 
 def map_numbers(statistics: Mapping[str, float | None], unit: str) -> tuple[dict[str, str], str]:
@@ -232,9 +232,9 @@ def map_numbers(statistics: Mapping[str, float | None], unit: str) -> tuple[dict
     >>> map_numbers({"median": 0.002, "maximum": 0.05, "share_without": 0.5}, "mm")
     ({'median': '2', 'maximum': '50'}, 'um')
     """
-    known = {part: each for part, each in statistics.items() if each is not None and not part.startswith("share")}
-    fitting = fitting_unit(known.values(), unit) if known else Unit(unit, 1.0, 0.0)
-    return {part: number_text(value / fitting.size) for part, value in known.items()}, fitting.name
+    numbers = {part: each for part, each in statistics.items() if each is not None and not part.startswith("share")}
+    fitting = fitting_unit(numbers.values(), unit) if numbers else Unit(unit, 1.0, 0.0)
+    return {part: number_text(value / fitting.size) for part, value in numbers.items()}, fitting.name
 
 
 def _dose_measure(dose: float) -> Measure:

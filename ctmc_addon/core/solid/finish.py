@@ -11,17 +11,14 @@ from numpy.typing import NDArray
 
 from ..machine.budget import Budget
 from ..measures.reconstruction import Reconstruction, Stage
-from ..mesh.intersections import self_intersections_steps
 from ..mesh.labels.label_complex import ComplexMesh, borders_of
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Steps
 from ..simplification.complexes.flats import Flat
-from ..simplification.complexes.simplify import simplify_complex_steps
-from ..simplification.engine.component_removal import CollapsedComponents
 from ..simplification.policy import SOLIDS
-from ..simplification.whole import Simplification
 from ..sinks import HOLD
-from ..surfaces.finish import AVERAGING, LOOKING, SIMPLIFYING, Finish, averaged_steps, goal_of
+from ..surfaces.finish import AVERAGING, LOOKING, SIMPLIFYING, Finish, averaged_steps
+from ..surfaces.finish_labels import crossings_of, own_surfaces_steps, simplified_labels_steps
 from .cells.recipe import Recipe
 from .fields.lattice_fields import LEAST, ShapeField
 
@@ -51,38 +48,28 @@ def finished_parts_steps(
     """
     settings = next(iter(structures.values())).settings
     finishing = Finish(settings, budget, HOLD, WEIGHTS)
-    stages = finishing.stages
-    full_borders = borders_of(mesh.faces, mesh.sides)
-    simplified = None
-    if settings.simplifies_here:
-        goal = goal_of(settings)
-        simplifying = simplify_complex_steps(mesh, budget=budget, policy=SOLIDS, flats=flats, **goal)
-        simplified = yield from stages.run(SIMPLIFYING, simplifying)
-    final = mesh if simplified is None else simplified.mesh
-    pairs = crossings if simplified is None else crossings[:0]
-    if simplified is not None and simplified.self_intersections != 0:
-        pairs = yield from stages.run(LOOKING, self_intersections_steps(final.vertices, final.faces))
-    parts: dict[int, Reconstruction] = {}
-    for number, border in (full_borders if simplified is None else borders_of(final.faces, final.sides)).items():
-        mesh_of_part = TriangleMesh(final.vertices[border.used], border.faces)
-        own = yield from stages.run(AVERAGING, averaged_steps(mesh_of_part))
-        own_crossings = int((final.sides[pairs] == number).any(axis=(1, 2)).sum())
-        part = replace(
+    borders = borders_of(mesh.faces, mesh.sides)
+    crossing_pairs = crossings_of(mesh, crossings)
+    parts = {
+        number: replace(
             structures[number],
-            mesh=own,
+            mesh=TriangleMesh(mesh.vertices[border.used], border.faces),
             surface=None,
-            full_faces=len(full_borders[number].faces),
-            beyond=None,
+            full_faces=len(border.faces),
             components=None,
             measured=None,
-            neighbors=(),
-            self_intersections=own_crossings,
+            self_intersections=crossing_pairs.get(number, 0),
         )
-        if simplified is not None:
-            collapsed = simplified.collapsed_of.get(number, CollapsedComponents())
-            simple = Simplification(own, collapsed, simplified.handles_cut, own_crossings)
-            part = finishing.simplified(part, simple, (len(mesh.faces), len(final.faces)))
-        parts[number] = part
+        for number, border in borders.items()
+    }
+    if settings.simplifies_here:
+        simplified = yield from simplified_labels_steps(finishing, mesh, SOLIDS, flats)
+        parts = yield from own_surfaces_steps(finishing, simplified, parts, len(mesh.faces), averages=True)
+    else:
+        for number, part in parts.items():
+            own = yield from finishing.stages.run(AVERAGING, averaged_steps(part.mesh))
+            parts[number] = replace(part, mesh=own)
+    parts = {number: replace(part, beyond=None, neighbors=()) for number, part in parts.items()}
     return {number: replace(part, stages=_summed((*part.stages, *finishing.ran))) for number, part in parts.items()}
 
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,15 +12,11 @@ from numpy.typing import NDArray
 from ..errors import CtmcError
 from ..machine.budget import Budget
 from ..measures.reconstruction import Reconstruction
-from ..mesh.intersections import self_intersections_steps
 from ..mesh.labels.complex_components import keep_complex_components_steps
 from ..mesh.labels.label_complex import ComplexMesh, ComplexSurface, borders_of, neighbors_of
 from ..mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
 from ..progress import Step, Steps
 from ..settings import ReconstructionSettings
-from ..simplification.complexes.simplify import ComplexSimplification, simplify_complex_steps
-from ..simplification.engine.component_removal import CollapsedComponents
-from ..simplification.whole import Simplification
 from ..sinks import HOLD, Taken
 from ..volume.volume import Volume
 from .finish import (
@@ -33,9 +29,9 @@ from .finish import (
     Finish,
     averaged_steps,
     described,
-    goal_of,
     limits_of,
 )
+from .finish_labels import crossings_steps, own_surfaces_steps, simplified_labels_steps
 from .interfaces import LabelComplex, complex_steps
 from .request import MadeSurface, Scope
 
@@ -79,24 +75,17 @@ class TouchingLabels(Finish):
         labels = [label for label in self.labels if label not in errors]
         if not labels:
             return {**errors}
-        full_mesh, simplified = surface.at(alpha), None
-        if settings.simplifies_here:
-            simplifying = simplify_complex_steps(full_mesh, budget=self.budget, **goal_of(settings))
-            simplified = yield from stages.run(SIMPLIFYING, simplifying)
-        results = full = yield from stages.run(AVERAGING, self._full_steps(surface, full_mesh, labels))
-        crossings: dict[int, int] = {}  # Pairs of triangles; labels without any are missing.
-        if simplified is None:
-            crossings = yield from stages.run(LOOKING, _crossings_steps(full_mesh, surface.may_cross))
+        full_mesh = surface.at(alpha)
+        simplified = (yield from simplified_labels_steps(self, full_mesh)) if settings.simplifies_here else None
+        full = yield from stages.run(AVERAGING, self._full_steps(surface, full_mesh, labels))
+        if simplified is not None:
+            own = own_surfaces_steps(self, simplified, full, len(full_mesh.faces), averages=settings.normals == "mesh")
+            results = yield from own
         else:
-            if simplified.self_intersections != 0:  # There are some, or nothing was tested.
-                crossings = yield from stages.run(LOOKING, _crossings_steps(simplified.mesh))
-            before = len(full_mesh.faces)
-            results = yield from stages.run(AVERAGING, self._simplified_steps(simplified, before, full))
+            crossings = yield from stages.run(LOOKING, crossings_steps(full_mesh, surface.may_cross))
+            results = {label: replace(full[label], self_intersections=crossings.get(label, 0)) for label in labels}
         surfaces = {
-            label: MadeSurface(
-                replace(results[label], stages=self.ran, self_intersections=crossings.get(label, 0)),
-                replace(full[label], stages=self.ran),
-            )
+            label: MadeSurface(replace(results[label], stages=self.ran), replace(full[label], stages=self.ran))
             for label in labels
         }
         return {**surfaces, **errors}
@@ -115,25 +104,6 @@ class TouchingLabels(Finish):
             full[label] = replace(described, neighbors=neighbors_of(label, interfaces))
         return full
 
-    def _simplified_steps(
-        self, simplified: ComplexSimplification, full_faces: int, full: Mapping[int, Reconstruction]
-    ) -> Steps[dict[int, Reconstruction]]:
-        """Return each label's own surface after simplification."""
-        results: dict[int, Reconstruction] = {}
-        complex_mesh = simplified.mesh
-        interfaces, borders = complex_mesh.interfaces, borders_of(complex_mesh.faces, complex_mesh.sides)
-        for label, result in full.items():
-            yield Step(len(results) / len(full))
-            faces, beyond, used = borders[label]
-            mesh = TriangleMesh(complex_mesh.vertices[used], faces)
-            if self.settings.normals == "mesh":
-                mesh = yield from averaged_steps(mesh)
-            collapsed = simplified.collapsed_of.get(label, CollapsedComponents())
-            own = Simplification(mesh, collapsed, simplified.handles_cut, simplified.self_intersections)
-            result = self.simplified(result, own, (full_faces, len(complex_mesh.faces)))
-            results[label] = replace(result, beyond=beyond, neighbors=neighbors_of(label, interfaces))
-        return results
-
     def _described(self, label: int, mesh: TriangleMesh, surface: Surface, beyond: NDArray[np.int32]) -> Reconstruction:
         """Describe a label's own surface."""
         extracted = self.extracted
@@ -151,9 +121,3 @@ class TouchingLabels(Finish):
             beyond=beyond,
         )
         return result if self.settings.topology == "classic" else replace(result, notes=(*result.notes, CLASSIC_NOTE))
-
-
-def _crossings_steps(mesh: ComplexMesh, selected: NDArray[np.bool_] | None = None) -> Steps[dict[int, int]]:
-    """Count pairs of triangles that cross each other, by label; a pair of two labels counts for both."""
-    pairs = yield from self_intersections_steps(mesh.vertices, mesh.faces, selected)
-    return {label: int((mesh.sides[pairs] == label).any(axis=(1, 2)).sum()) for label in mesh.labels}

@@ -15,6 +15,7 @@ import re
 import struct
 import sys
 import zlib
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
@@ -151,8 +152,11 @@ def page_layout(page: Any, path: Path) -> PageLayout:
         numbers = [key.imagelength, key.imagewidth, key.samplesperpixel, key.bitspersample, key.imagedepth]
         numbers += [key.compression, key.predictor, key.photometric, key.planarconfig, key.sampleformat]
         # libtiff reads zeros where such a tag is wrong, without a word.
-        wrong = [tag.name for tag in key.tags if tag.code in LAYOUT_TAGS and int(tag.dtype) not in WHOLE_TYPES]
+        layout_tags = [tag for tag in key.tags if tag.code in LAYOUT_TAGS]
+        wrong = [tag.name for tag in layout_tags if int(tag.dtype) not in WHOLE_TYPES]
         wrong += [tag.name for tag in key.tags if tag.code in SINGLE_TAGS and not _is_small_number(tag)]
+        # Of a tag that is there twice, a page of tifffile takes the first and a frame the last.
+        wrong += [name for name, times in Counter(tag.name for tag in layout_tags).items() if times > 1]
         whole = all(isinstance(number, int) for number in numbers)
         palette = key.tags.valueof(COLOR_MAP, ())
         segments = math.prod(page.chunked)

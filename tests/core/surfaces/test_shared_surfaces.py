@@ -24,7 +24,7 @@ from ctmc_addon.core import (
 )
 from ctmc_addon.core.mesh import surface_distance
 from ctmc_addon.core.mesh.labels.label_complex import ComplexMesh
-from ctmc_addon.core.surfaces.shared import _crossings_steps
+from ctmc_addon.core.surfaces.finish_labels import crossings_steps
 from ctmc_addon.core.volume import ValuesInMemory
 
 AFFINE = np.diag([1.0, 1.0, 2.0, 1.0])
@@ -84,7 +84,7 @@ def test_a_pair_that_crosses_counts_for_both_its_labels():
     corners = [(0, 0, 0), (4, 0, 0), (0, 4, 0), (1, 1, -1), (1, 1, 1), (9, 9, 0), (20, 0, 0), (21, 0, 0), (20, 1, 0)]
     sides = np.array([[1, 0], [2, 4], [3, 0]], np.int32)
     mesh = ComplexMesh(np.array(corners, np.float32), np.arange(9, dtype=np.int32).reshape(3, 3), sides)
-    assert finish(_crossings_steps(mesh)) == {1: 1, 2: 1, 3: 0, 4: 1}
+    assert finish(crossings_steps(mesh)) == {1: 1, 2: 1, 3: 0, 4: 1}
 
 
 def test_a_small_component_goes_and_its_neighbors_stay():

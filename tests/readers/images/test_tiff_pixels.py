@@ -398,3 +398,14 @@ def test_colors_of_another_kind_are_refused(tmp_path, kind):
     pages = [gray_page(plane, 8, t262=(3, [kind])) for plane in numbers(8)]
     with pytest.raises(ReadError, match=rf"has colors of PhotometricInterpretation {kind}; save it as gray"):
         read_volume(saved(tmp_path, pages))
+
+
+@pytest.mark.parametrize("page", [0, 2])
+def test_a_page_that_says_twice_where_its_pixels_are_is_refused(tmp_path, page):
+    pages = [gray_page(values, 16, **{f"t{305 + number}": (3, [1])}) for number, values in enumerate(numbers(16))]
+    content = tiff(pages)
+    own, twice = (struct.pack("<HHI", code, 3, 1) for code in (305 + page, 273))
+    assert content.count(own) == 1
+    (tmp_path / "s.tif").write_bytes(content.replace(own, twice))
+    with pytest.raises(ReadError, match="its tag StripOffsets has a wrong type, count or size"):
+        read_volume(tmp_path / "s.tif")
