@@ -223,7 +223,7 @@ def test_flags_that_cannot_be_measured_with_are_wrong_usage_and_leave_no_folder(
     ("words", "said"),
     [
         (["voxels", "--label", "7"], "label 7"),
-        (["voxels", "--label", "2", "--min-part", "9e9"], "no component has a volume of 9e+09 mm3 or more"),
+        (["voxels", "--label", "2", "--min-part", "9e9"], "no component has a volume of 9000000 ml or more"),
         (["alpha", "--threshold", "9"], "threshold"),
         (["simplify", "--threshold", "9"], "threshold"),
         (["rotation", "--threshold", "9"], "threshold"),

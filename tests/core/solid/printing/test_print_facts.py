@@ -227,7 +227,7 @@ def test_cuts_beyond_those_of_one_run_are_told():
     facts = facts_of(box((0, 0, 0), (100, 10, 10)), bed=(10, 10, 10))
     assert len(facts.cuts) == 9
     assert facts.notes == (
-        f"The part does not fit the bed of 10 x 10 x 10 mm; it takes 9 cuts, and {MOST_CUTS} are possible; "
+        f"The part does not fit the bed of 10 x 10 x 10 mm; it takes 9 cuts, and at most {MOST_CUTS} are possible; "
         "give a larger bed",
     )
 
