@@ -7,7 +7,7 @@ python := .venv/bin/python
 .PHONY: help setup demo test test-plain-processor fuzz test-all test-window test-package package lint types types-linux types-win32 types-darwin build address site bench accuracy interfaces segmentation topology experiments figures readme-pictures sidebar-pictures translations clean
 
 help:  ## list the targets
-	@sed -n 's/^\([a-z-]*\):[a-z ]*## */  make \1\t/p' Makefile | expand -t 18
+	@sed -n 's/^\([a-z-]*\):[a-z0-9 -]*## */  make \1\t/p' Makefile | expand -t 18
 
 setup:  ## create .venv with Blender as a module, the readers' libraries and the command ctmc
 	@PYTHON='$(PYTHON)' '$(or $(starter),python3)' tools/setup_environment.py

@@ -141,7 +141,9 @@ def open_steps(name: str, path: Path) -> Steps[Any]:
     about, module = FORMATS[name], _module(name)
     if about.holds not in (VOLUME, FOLDER):
         return (yield from module.open_steps(path))
-    if about.library:
+    if about.library and (
+        about.holds != FOLDER or path.is_dir()
+    ):  # Installing a package helps no file in a folder's place.
         library, package, *remedy = about.library
         yield from imported_steps(library, package, name, *remedy)
     return module.open_source(path)

@@ -30,8 +30,8 @@ HEAR = """
 said = bpy.app.driver_namespace.setdefault("said", [])
 pick = ours("ui.operators.ct.pick_point").CTMC_OT_pick_point
 if "heard" not in bpy.app.driver_namespace:
-    bpy.app.driver_namespace["heard"] = plain = pick.say
-    pick.say = lambda self, context, text: (said.append(text), plain(self, context, text))[1]
+    bpy.app.driver_namespace["heard"] = plain = pick.show_status
+    pick.show_status = lambda self, context, text: (said.append(text), plain(self, context, text))[1]
 """
 
 

@@ -105,7 +105,8 @@ def with_structures(solid: SolidRequest, labels: Sequence[int], names: Mapping[i
     for number, each in enumerate(solid.combinations):
         flag = f"--{each.how.value} {each.name}"
         later = {
-            compared_name(next_.name): f"--{next_.how.value} {next_.name}" for next_ in solid.combinations[number + 1 :]
+            compared_name(following.name): f"--{following.how.value} {following.name}"
+            for following in solid.combinations[number + 1 :]
         }
         of = [_structure_of(name, flag, names_of, left, later) for name in each.of]
         for name in of:

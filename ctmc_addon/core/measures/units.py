@@ -42,7 +42,7 @@ def unit_of(number: float, unit: str) -> Unit:
     """
     if not number:
         return next(each for each in UNITS[unit] if each.name == unit)
-    return next(each for each in UNITS[unit] if abs(number) >= each.smallest)
+    return next((each for each in UNITS[unit] if abs(number) >= each.smallest), UNITS[unit][-1])
 
 
 def fitting_unit(numbers: Iterable[float], unit: str) -> Unit:
@@ -91,15 +91,14 @@ def length_text(length_mm: float, digits: int = DIGITS) -> str:
     return sizes_text((length_mm,), "mm", digits)
 
 
-def text_beside(number: float | None, neighbors: Iterable[float | None], unit: str) -> str:
-    """Return a number of mm, mm2 or mm3 in the unit that fits the largest of it and its neighbors, None if unknown.
+def text_beside(number: float, neighbors: Iterable[float | None], unit: str) -> str:
+    """Return a number of mm, mm2 or mm3 in the unit that fits the largest of it and its neighbors (None if unknown).
 
     Examples
     --------
     >>> text_beside(890.8, [3006.0], "mm3"), text_beside(0.0, [0.02, None], "mm3")
     ('0.8908 ml', '0 mm3')
     """
-    assert number is not None, "an unknown number has no text"
     fitting = fitting_unit([number, *(each for each in neighbors if each is not None)], unit)
     return f"{number_text(number / fitting.size)} {fitting.name}"
 

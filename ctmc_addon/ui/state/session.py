@@ -35,6 +35,8 @@ class Session:
         The CT that was not loaded because a slice is damaged; it can be read without that slice.
     full : dict of Origin to Reconstruction
         Surfaces of the last run before simplification: the next level of simplification needs no extraction.
+    full_labels : Volume or None
+        The labels that `full` was made of; labels that have changed since are another volume.
     cost : CostEstimates or None
         None while it is counted.
     rotation : RotationTable or None
@@ -62,6 +64,7 @@ class Session:
     load_message: str = ""
     refused: tuple[str, Any] | None = None
     full: dict[Origin, Reconstruction] = field(default_factory=dict)
+    full_labels: Volume | None = None
     cost: Any = None
     rotation: Any = None
     last_surface: int | None = None
@@ -87,7 +90,7 @@ def drop_surfaces(fingerprint: str) -> None:
     """Release surfaces before simplification of a CT that is no longer in memory, its labels, and its cost."""
     for scene_session in _sessions.values():
         scene_session.full = {key: full for key, full in scene_session.full.items() if key[0] != fingerprint}
-        scene_session.cost = scene_session.labels = scene_session.box = None
+        scene_session.cost = scene_session.labels = scene_session.full_labels = scene_session.box = None
 
 
 def scene_of(uid: int) -> bpy.types.Scene | None:

@@ -114,7 +114,7 @@ class CTMC_OT_remove_ct(_CTOperator, bpy.types.Operator):
                 if drawn[number].fingerprint == fingerprint:
                     drawn.remove(number)
         scans.remove(scene, fingerprint)
-        if not any(scans.state_of(scene_, fingerprint) for scene_ in bpy.data.scenes):
+        if not any(scans.state_of(each, fingerprint) for each in bpy.data.scenes):
             volumes.release(fingerprint)
         scans.note(context)
         session.redraw_viewports()

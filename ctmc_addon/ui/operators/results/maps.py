@@ -209,10 +209,11 @@ def _surfaces_of(
     """Return the maker of other surfaces of the scene's CT, the same as on the command line.
 
     Labels that were made at once with a surface share their walls with it. The full surfaces of the last run are not
-    made again; `full` is that of the surface itself.
+    made again while their labels are the same; `full` is that of the surface itself.
     """
     sharing_labels = () if provenance.part else provenance.sharing_labels  # A solid measures to labels by themselves.
-    of_last_run = dict(session.of(scene).full)
+    kept = session.of(scene)
+    of_last_run = dict(kept.full) if kept.full_labels is structures.label_volume(scene) else {}
 
     def held(settings: ReconstructionSettings) -> Reconstruction | None:
         if settings.label == provenance.settings.label:
@@ -230,6 +231,9 @@ def _surfaces_of(
         return outcome.result.mesh
 
     return surface_steps
+
+
+MAP_NAME = "Name of the map. Empty = the map that is shown, else the last one"
 
 
 class _OfMap:
@@ -269,7 +273,7 @@ class CTMC_OT_map_show(_OfMap, bpy.types.Operator):
     bl_description = "Show a map in the viewport and in renders, with a legend; press again for the surface's own look"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
-    map_name: text("Name", "Name of the map. Empty = the map that is shown, else the last one")
+    map_name: text("Name", MAP_NAME)
 
     def change(self, obj: bpy.types.Object, name: str) -> None:
         """Show the map, or hide it."""
@@ -289,7 +293,7 @@ class CTMC_OT_map_remove(_OfMap, bpy.types.Operator):
     bl_description = "Remove a map from the active surface"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
-    map_name: text("Name", "Name of the map. Empty = the map that is shown, else the last one")
+    map_name: text("Name", MAP_NAME)
 
     def change(self, obj: bpy.types.Object, name: str) -> None:
         """Remove the map."""
@@ -307,7 +311,7 @@ class CTMC_OT_map_nearest(_OfMap, bpy.types.Operator):
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
-    map_name: text("Name", "Name of the map; empty for the one that is shown, else the last")
+    map_name: text("Name", MAP_NAME)
 
     def change(self, obj: bpy.types.Object, name: str) -> None:
         """Add the ruler, where the object lies now."""

@@ -186,8 +186,8 @@ def select(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:
     if active is not None and active.mode != "OBJECT":
         return
     layer.update()
-    for selected in layer.objects:
-        selected.select_set(False, view_layer=layer)
+    for each in layer.objects:
+        each.select_set(False, view_layer=layer)
     for obj in objects:
         if layer.objects.get(obj.name) == obj:
             obj.select_set(True, view_layer=layer)

@@ -221,6 +221,7 @@ def _add_to_scene(
         for surface in finished
         if surface.request.fingerprint and surface.full is not None
     }
+    scene_session.full_labels = structures.label_volume(scene)
     preview.hide()
     summary = placing.summary(objects, finished)
     return f"{summary}. {scene_session.message}" if sentences else summary

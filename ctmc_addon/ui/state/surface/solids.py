@@ -56,11 +56,14 @@ def runs_of(scene: bpy.types.Scene, solid: SolidRequest) -> list[ReconstructionS
     if not stored.use_label:
         raise SettingsError("a threshold has no structures to combine; choose Structures, or remove the combinations")
     settings = stored.to_settings()
-    return [
+    runs = [
         of_structure(item, settings)
         for item in stored.labels
         if item.chosen or (item.kind == LABEL and str(item.value) in names)
     ]
+    if not runs:
+        raise SettingsError("no structure is ticked; tick one in the list")
+    return runs
 
 
 def counted_runs(scene: bpy.types.Scene) -> list[ReconstructionSettings]:

@@ -17,7 +17,7 @@ from ctmc_addon.blender.maps import read_map, shown_map, shown_name, stored_maps
 from ctmc_addon.blender.maps.colors import COLORS
 from ctmc_addon.blender.rulers import points_of, rulers_of
 from ctmc_addon.blender.surface import own_mesh
-from ctmc_addon.core import SurfaceRequest, length_text, make_surfaces_steps
+from ctmc_addon.core import SurfaceRequest, Volume, length_text, make_surfaces_steps
 from ctmc_addon.core.maps import QUANTITIES, DistanceTo, MapRequest, Thickness
 from ctmc_addon.core.progress import finish
 from ctmc_addon.ui import jobs
@@ -26,6 +26,7 @@ from ctmc_addon.ui.panels.results.page import CTMC_PT_results
 from ctmc_addon.ui.state import session
 from ctmc_addon.ui.state.ct import volumes
 from ctmc_addon.ui.state.results import surfaces
+from ctmc_addon.ui.state.surface import structures
 
 
 def active():
@@ -198,6 +199,27 @@ def test_the_distance_to_a_label_with_a_shared_wall_is_that_of_the_command_line(
     assert np.array_equal(own_mesh(obj).faces, first.mesh.faces)
     assert np.abs(found - first.maps[0].values).max() < 1e-5
     assert np.count_nonzero(np.abs(found) < 1e-5) > 20  # The wall is shared.
+
+
+def test_the_distance_to_a_label_that_has_changed_is_to_its_present_shape(scene, tmp_path):
+    def labels(start):
+        values = np.zeros((16, 16, 40), np.uint8)
+        values[5:11, 5:11, 3:9], values[5:11, 5:11, start : start + 6] = 1, 2
+        return Volume(values, volumes.require_loaded(scene).full.affine, kind="label")
+
+    np.save(tmp_path / "ct.npy", np.broadcast_to(np.arange(40, dtype=np.int16), (16, 16, 40)))
+    bpy.ops.ctmc.load(filepath=str(tmp_path / "ct.npy"), spacing=(1, 1, 1))
+    structures.add_labels(scene, labels(15), "labels")
+    scene.ctmc.use_label = True
+    for item in scene.ctmc.labels:
+        item.chosen = True
+    bpy.ops.ctmc.reconstruct()
+    structures.put(scene, "labels", labels(28))
+    obj = next(obj for obj in scene.objects if surfaces.is_surface(obj) and surfaces.require_settings(obj).label == 1)
+    bpy.context.view_layer.objects.active = obj
+    bpy.ops.ctmc.map_add(quantity="distance-to", structure="2")
+    nearest = np.nanmin(read_map(obj.data, "distance_2_mm").values)
+    assert 18 < nearest < 19.5  # From sample 8 to sample 28, each less up to half a step; the old label is at 15.
 
 
 def test_the_distance_to_a_file(two_labels, tmp_path):
