@@ -331,6 +331,16 @@ def test_parts_of_labels_have_color_and_name_of_their_structure(labels):
     assert meshes_in(labels)[0].name == "left hip a", "a part keeps the name that it is found by"
 
 
+def test_a_combination_of_structures_that_the_list_lacks_is_refused(labels):
+    for item in labels.ctmc.labels:
+        item.chosen = False
+    bpy.ops.ctmc.combination_add(how="merge")
+    [combination] = labels.ctmc_solid.combinations
+    combination.of[0].structure, combination.of[1].structure = "8", "9"
+    with pytest.raises(SettingsError, match="no structure is ticked; tick one in the list"):
+        solids.runs_of(labels, solids.solid_of(labels))
+
+
 def test_a_combination_offers_what_earlier_ones_make(labels):
     solid = labels.ctmc_solid
     bpy.ops.ctmc.combination_add(how="merge")
