@@ -314,7 +314,7 @@ class Transparency(Described):
 
     hiding_opacity: float = setting(
         0.3,
-        "Opacity of structures that hide a tumor from the camera or, without a tumor, all other structures. "
+        "Opacity of structures that hide a tumor from the camera; without a tumor, of the one that hides all others. "
         "Smaller = clearer",
         label="Opacity",
         low=0.02,
