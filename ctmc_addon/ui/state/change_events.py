@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Follow changes: of settings, and of what Blender reports to handlers, such as undo and another file."""
+"""Follow changes: of settings, and of what Blender reports to handlers, such as undo and another file.
+
+This module must not hold `bpy`: properties call it, and where they hold `bpy`, the module `bpy` of Blender 4.2 crashes
+when Python ends.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
-
-import bpy
 
 NAME, COLOR, OPACITY = "label_name", "label_color", "label_opacity"
 """The events of a structure's look in the list."""
@@ -42,12 +44,16 @@ def following(
     """
 
     def register() -> None:
+        import bpy
+
         if listener is not None:
             _listeners.append(listener)
         for event, handler in handlers.items():
             getattr(bpy.app.handlers, event).append(bpy.app.handlers.persistent(handler))
 
     def unregister() -> None:
+        import bpy
+
         if listener is not None:
             _listeners.remove(listener)
         for event, handler in handlers.items():
