@@ -24,6 +24,7 @@ NO_NAMES = {
     *("told", "together", "wanted"),
 }
 SAVED = {"ctmc_addon/ui/properties/surface/structures.py chosen"}  # Blender files hold this property.
+CALLED_BY_NAME = {"slab_result"}  # Workers on other machines call it.
 WORDS = re.compile(r"\w+")
 SENTENCE = re.compile(r"[A-Z0-9`].*\s.*\.")
 DIRECTIVE = re.compile(r"(noqa|type|fmt|ruff)\b")
@@ -100,4 +101,4 @@ def test_a_function_that_no_other_file_uses_is_private():
         for node in module.body
         if isinstance(node, ast.FunctionDef) and not node.name.startswith("_")
     ]
-    assert [(path, name) for path, name in public if uses[name] == 1] == []
+    assert [(path, name) for path, name in public if uses[name] == 1 and name not in CALLED_BY_NAME] == []

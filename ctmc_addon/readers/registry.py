@@ -64,7 +64,7 @@ def _at_start(*marks: bytes) -> tuple[tuple[int, bytes], ...]:
 JPEG_2000, JPEG_2000_MARKS = (".jp2", ".j2k", ".jpx", ".j2c"), _at_start(b"\0\0\0\x0cjP  ", b"\xff\x4f\xff\x51")
 TIFF_MARKS = _at_start(b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 ZARR = ("zarr.json", ".zattrs", ".zgroup", ".zarray")
-ZARR_LIBRARY = ("zarr", "zarr", "install it by `pip install ctmc-addon[zarr]`")
+ZARR_LIBRARY = ("zarr", "zarr", "install it by `pip install 'zarr>=3'`")
 # The first import of nibabel takes long; that of NIfTI-2 brings NIfTI-1.
 NIFTI_LIBRARY = ("nibabel.nifti2", "nibabel")
 MGH_LIBRARY, ANALYZE_LIBRARY = ("nibabel.freesurfer.mghformat", "nibabel"), ("nibabel.spm2analyze", "nibabel")
@@ -141,9 +141,8 @@ def open_steps(name: str, path: Path) -> Steps[Any]:
     about, module = FORMATS[name], _module(name)
     if about.holds not in (VOLUME, FOLDER):
         return (yield from module.open_steps(path))
-    if about.library and (
-        about.holds != FOLDER or path.is_dir()
-    ):  # Installing a package helps no file in a folder's place.
+    is_misplaced = about.holds == FOLDER and not path.is_dir()  # No package helps a file that should be a folder.
+    if about.library and not is_misplaced:
         library, package, *remedy = about.library
         yield from imported_steps(library, package, name, *remedy)
     return module.open_source(path)

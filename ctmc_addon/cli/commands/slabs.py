@@ -57,7 +57,7 @@ class _ClusterWorkers:
             # Travels as code and bytes, for the scheduler unpacks it too and has perhaps no ctmc.
             import importlib
 
-            return importlib.import_module(module)._slab_result(path, reading, task)
+            return importlib.import_module(module).slab_result(path, reading, task)
 
         client = self.cluster.client
         futures: dict[int, Any] = {}
@@ -126,7 +126,7 @@ def workers_of(address: str | None, path: Path, reading: readers.ReadingOptions)
         cluster.close()
 
 
-def _slab_result(path: str, reading: Mapping[str, Any], packed: bytes) -> SlabResult:
+def slab_result(path: str, reading: Mapping[str, Any], packed: bytes) -> SlabResult:
     """Do a task on a worker; open the file again, because it cannot serve two threads at once."""
     task: SlabTask = pickle.loads(packed)
     try:

@@ -313,7 +313,7 @@ def test_without_zarr_a_sentence_says_how_it_comes(tmp_path, monkeypatch):
     with pytest.raises(ReadError) as refused:
         open_volume(path)
     assert str(refused.value) == (
-        "reading OME-Zarr needs the Python package zarr, which is missing; install it by `pip install ctmc-addon[zarr]`"
+        "reading OME-Zarr needs the Python package zarr, which is missing; install it by `pip install 'zarr>=3'`"
     )
 
 
