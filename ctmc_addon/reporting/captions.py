@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..core import SETTINGS, ReconstructionSettings, defaults, length_text, sizes_text, smoothing_of
+from .formatting import capitalized
 
 
 def figure_caption(
@@ -49,7 +50,7 @@ def figure_caption(
     if explode and len(settings) > 1:
         phrases.append(f"exploded by {length_text(explode)}")
     text = ", ".join([*phrases, f"{triangles:,} triangles"])
-    return text[0].upper() + text[1:]
+    return capitalized(text)
 
 
 def _shape_phrases(settings: ReconstructionSettings) -> list[str]:

@@ -13,6 +13,17 @@ _KEPT = "\N{NO-BREAK SPACE}"
 SIDES = {"L": "left", "R": "right", "P": "back", "A": "front", "S": "head", "I": "feet"}
 
 
+def capitalized(text: str) -> str:
+    """Return a text with a capital at its beginning; the rest stays, so that names keep theirs.
+
+    Examples
+    --------
+    >>> capitalized("distance vertebrae L3")
+    'Distance vertebrae L3'
+    """
+    return text[:1].upper() + text[1:]
+
+
 def count(number: int) -> str:
     """Return a count with thousands separators.
 

@@ -14,6 +14,8 @@ from pathlib import Path
 
 import bpy
 
+from ..reporting.formatting import capitalized
+
 TABLES = Path(__file__).with_name("languages")
 # What Blender has called the languages from 4.2 on.
 LOCALES = {"de_DE.toml": ("de_DE", "de"), "zh_HANS.toml": ("zh_HANS", "zh_CN")}
@@ -37,7 +39,7 @@ def translate_sentence(text: str) -> str:
     It begins with a capital unless it begins with a name, such as a file's.
     """
     translated = translate_phrase(text)
-    return translated[:1].upper() + translated[1:] if _begins_with_a_word(text) else translated
+    return capitalized(translated) if _begins_with_a_word(text) else translated
 
 
 def translate_phrase(text: str) -> str:

@@ -28,6 +28,7 @@ from ...core import (
 from ...core.files.input_files import add_inputs
 from ...core.volume import ALL
 from ...reporting.command_line import command_of as command_of, flag_of as flag_of
+from ...reporting.formatting import capitalized
 from ...reporting.settings_toml import from_toml
 from .described import Numbers, add_flag, add_labels_flag, given, is_number, value_reader
 
@@ -44,7 +45,7 @@ class _Help(argparse.HelpFormatter):
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         text = super()._get_help_string(action)
-        return text[0].upper() + text[1:] if text and re.match(r"(?!mm )[a-z]+,? ", text) else text
+        return capitalized(text) if text and re.match(r"(?!mm )[a-z]+,? ", text) else text
 
 
 class Parser(argparse.ArgumentParser):

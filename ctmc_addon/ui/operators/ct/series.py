@@ -9,6 +9,7 @@ import bpy
 
 from ....core import length_text
 from ....readers import Series, series_names
+from ....reporting.formatting import capitalized
 from ...state.ct import volumes
 from ...translations import translate
 
@@ -45,4 +46,4 @@ def facts_of(series: Series) -> str:
         if value
     ]
     text = ", ".join(words)
-    return text[:1].upper() + text[1:]
+    return capitalized(text)

@@ -41,6 +41,7 @@ from ....core import (
 )
 from ....core.maps import MAPPING, QUANTITIES, MapRequest, Quantity, mapped_steps
 from ....readers import MapFiles, open_volume_steps
+from ....reporting.formatting import capitalized
 from ... import jobs
 from ...properties.described import as_typed, property_of, with_unit
 from ...properties.kinds import choice, text
@@ -63,10 +64,6 @@ _items: list[tuple[str, str, str]] = []  # Blender keeps no reference to the tex
 def kind_of(flag: str) -> type[Quantity]:
     """Return the quantity of a flag."""
     return next(kind for kind in QUANTITIES if kind.flag == flag)
-
-
-def _sentence(text: str) -> str:
-    return text[0].upper() + text[1:]
 
 
 def _structure_items(_operator: Any, context: bpy.types.Context) -> list[tuple[str, str, str]]:
@@ -151,7 +148,7 @@ CTMC_OT_map_add = type(
             "quantity": choice(
                 "Quantity",
                 "Quantity to compute",
-                items=[(kind.flag, kind.label, _sentence(kind.text)) for kind in QUANTITIES],
+                items=[(kind.flag, kind.label, capitalized(kind.text)) for kind in QUANTITIES],
             ),
             "structure": choice("Structure", "Structure to measure to", items=_structure_items),
             "map_name": text("Name", "Name of the map. Empty = name of the file"),
@@ -197,7 +194,7 @@ def added_steps(
         write_map(changed.data, surface_map)
         show_map(changed, surface_map.name)
         viewport_maps.show()
-        title = translate(title_of(surface_map.name, surface_map.unit).capitalize())
+        title = translate(capitalized(title_of(surface_map.name, surface_map.unit)))
         return ". ".join([f"{changed.name}: {title}", *map(translate_sentence, surface_map.notes)])
 
     return conclude

@@ -12,6 +12,7 @@ from ....blender.figure.map_colors import title_of
 from ....blender.maps import StoredMap, shown_map, stored_maps
 from ....core import UNKNOWN, length_text, map_numbers, percent_text
 from ....core.mesh import distance_between
+from ....reporting.formatting import capitalized
 from ...state.results import surfaces
 from ...translations import translate, translate_sentence
 from ..layout import block, draw_name, draw_table, draw_text
@@ -53,7 +54,7 @@ def draw_maps(room: Any, context: bpy.types.Context) -> None:
 
 def label_of(stored: StoredMap) -> str:
     """Return the name of a map with its unit: 'Thickness [mm]'."""
-    title = translate(title_of(stored.name, stored.unit).capitalize())
+    title = translate(capitalized(title_of(stored.name, stored.unit)))
     return f"{title} [{stored.unit}]" if stored.unit else title
 
 

@@ -10,6 +10,7 @@ import bpy
 from ....blender.figure.map_colors import scale_of
 from ....blender.maps import shown_map, shown_name
 from ....blender.viewport import draw_legend
+from ....reporting.formatting import capitalized
 from ...state import session
 from ...translations import translate
 
@@ -52,5 +53,5 @@ def draw(context: bpy.types.Context) -> None:
     stored = shown_map(context.view_layer.objects.active)
     if stored is not None and _shows_colors(context.space_data.shading):
         scale = scale_of([stored])
-        title = translate(scale.title.capitalize())
+        title = translate(capitalized(scale.title))
         draw_legend(title, scale, translate("No value") if scale.gaps else "")

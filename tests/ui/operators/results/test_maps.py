@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from ctmc_addon.core.maps import QUANTITIES, DistanceTo, MapRequest, Thickness
 from ctmc_addon.core.progress import finish
 from ctmc_addon.ui import jobs
 from ctmc_addon.ui.operators.results import maps
+from ctmc_addon.ui.panels.results.maps import label_of
 from ctmc_addon.ui.panels.results.page import CTMC_PT_results
 from ctmc_addon.ui.state import session
 from ctmc_addon.ui.state.ct import volumes
@@ -151,6 +153,7 @@ def test_the_distance_to_a_structure_of_the_list_has_its_name(two_labels):
     found = read_map(two_labels.data, "distance_portal_vein_mm")
     assert found.statistics.minimum == pytest.approx(4.0, abs=1.0)
     assert found.nearest is not None
+    assert label_of(replace(found, name="distance_vertebrae_L3_mm")) == "Distance vertebrae L3 [mm]"
     assert bpy.ops.ctmc.map_add(quantity="distance-to", structure="1") == {"FINISHED"}
     assert read_map(two_labels.data, "distance_1_mm").statistics.share_without == 1.0
     with pytest.raises(RuntimeError, match="No structure and no file was chosen"):
